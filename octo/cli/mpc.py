@@ -165,9 +165,10 @@ def _problem(
         friction=arguments.plan_friction,
         pose=pose_of(robot, arguments.pose),
         terrain=terrain,
+        gait=True if arguments.blind else None,
     )
     turning = goal.speed if goal.kind == "turn" else 0.0  # rad/s
-    return problem, VelocityCommand(goal.velocity[:2], turning)
+    return problem, VelocityCommand(goal.velocity[:2], turning, feel=arguments.blind)
 
 
 def _stride(path: str | None, robot: Character) -> Solution | None:

@@ -4,6 +4,7 @@ from octo.model.convention import Convention
 from octo.mpc.animation import animate
 from octo.mpc.command import Command, CommandStatus
 from octo.mpc.controller import Controller
+from octo.mpc.ground import smooth_ground
 from octo.mpc.log import Log
 from octo.mpc.loop import Push, run
 from octo.mpc.plan import Plan
@@ -24,6 +25,7 @@ __all__ = [
     "animate",
     "foot_law",
     "run",
+    "smooth_ground",
     "stance",
     "tracking_problem",
     "walking_problem",

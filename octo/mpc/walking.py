@@ -7,26 +7,33 @@ from typing import Any
 
 import numpy as np
 
-from octo.checks import instance, number, numbers, positive
+from octo.checks import flag, instance, number, numbers, positive
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import Compliant, Coulomb
 from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.feet import gaps, low_contacts, terrain_bottoms
-from octo.model.kinematics import sphere_centers
+from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.quantities import GRAVITY, Array
 from octo.model.terrain import World, plane_of
 from octo.mpc.controller import Controller
+from octo.mpc.footing import Footing
+from octo.mpc.gait import Gait
+from octo.mpc.ground import smooth_ground
 from octo.mpc.stance import stance
+from octo.problem.costs import Cost
 from octo.problem.presets import locomotion
 from octo.problem.problem import Problem
+from octo.problem.tracking import FootHeightTracking
 
 CONE = 0.75  # of the ground's friction, that is planned with
 SINK = 0.25  # of ℓ: what a linear foot sinks under the whole weight
 ONSET = 1.0 / 30.0  # of ℓ, the width of the contact's onset
 CREEP = 0.117  # of √(gℓ), the creep speed of friction and the dissipation velocity of the contact
 ACCELERATION = (1.0, 1.0)  # m/s², rad/s²
-ACROSS = 7  # points along a body at which the height of a world is looked up
+ACROSS = 9  # points along a body at which the height of a world is looked up
+AROUND = 1.5  # of half the way between its feet, how far ahead and behind they are
+PITCH = 0.7  # of the ground's slope along a body, that of the body
 GOVERNOR = (0.15, 0.25)  # m and rad: how far the integrated command may be ahead
 
 
@@ -59,13 +66,16 @@ def walking_problem(
     *,
     friction: float = 0.8,
     pose: Array | None = None,
+    gait: bool | None = None,
     **described: Any,
 ) -> Problem:
     """A horizon of ``steps`` steps of ``dt`` s with the terms of ``octo.costs.locomotion``, on feet
     of ``friction``.
 
     The pose that is held is ``pose`` (nx,), by default the robot's own start with its straight legs
-    bent.
+    bent. With ``gait`` the feet swing in turn, in two groups; by default they do on a world, and
+    nobody says when on other ground. A ``terrain`` that is an :class:`octo.World` is planned on as
+    a smooth map of its mean heights (:func:`octo.mpc.smooth_ground`).
 
     Raises
     ------
@@ -94,8 +104,15 @@ def walking_problem(
     if draft.gravity == 0.0:
         raise ProblemError("walking needs a weight: the parameters' gravity is 0")
     law = foot_law(robot, draft.length, len(low_contacts(robot, held)), friction, draft.gravity)
+    world = described.get("terrain")
+    if isinstance(world, World):
+        place = body_poses(robot, placed)[1][robot.base_body]
+        described["terrain"] = smooth_ground(world, place, draft.length)
     problem = Problem(robot, law=law, pose=held, **described)
-    return problem.replace(costs=locomotion(length=problem.length), x0=problem.start, pose=None)
+    costs: list[Cost] = locomotion(length=problem.length)
+    if flag("gait", isinstance(world, World) if gait is None else gait):
+        costs += Gait(robot, problem.start, problem.length).terms()
+    return problem.replace(costs=costs, x0=problem.start, pose=None)
 
 
 def _on_the_ground(robot: Character, pose: Array, terrain: Any) -> Array:
@@ -109,7 +126,7 @@ def _on_the_ground(robot: Character, pose: Array, terrain: Any) -> Array:
 
 
 class _Over:
-    """How high a controller's base is over a world, in the mean over its body's length."""
+    """The ground of a world under a controller's base, in the mean over its body's length."""
 
     def __init__(self, controller: Controller, world: World):
         problem = controller.problem
@@ -117,22 +134,20 @@ class _Over:
         assert robot is not None
         feet = sphere_centers(robot, start)[low_contacts(robot, start)]
         self.world, self.length = world, problem.length
-        self.reach = 0.5 * float(np.ptp(feet[:, :2], axis=0).max())
+        reach = AROUND * 0.5 * float(np.ptp(feet[:, :2], axis=0).max())
+        self.along = np.linspace(-reach, reach, ACROSS)  # m
         self.first = controller.convention.base(start)[0]
-
-    def heights(self, target: Array, yaw: Array, now: float) -> Array:
-        """(N,) m, of a base over places (N, 2) m with headings (N,) rad, that is ``now`` m high; as
-        high over the ground as at the start, over what is under it with the first heading."""
-        ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
-        along = np.linspace(-self.reach, self.reach, ACROSS)[:, None, None] * ahead
         top = float(self.first[2])
-        above = self.first[2] - self._under(self.first[:2] + along[:, :1], top)[0]
-        return self._under(target + along, now + self.length) + above
+        self.above = top - self.line(self.first[None, :2], np.zeros(1), top)[0][0]
 
-    def _under(self, places: Array, top: float) -> Array:
-        flat = places.reshape(-1, 2)
+    def line(self, target: Array, yaw: Array, top: float) -> tuple[Array, Array]:
+        """Height (N,) m and slope (N,) along the headings (N,) rad of the ground under places
+        (N, 2) m, as seen from a height of ``top`` m."""
+        ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+        flat = (target + self.along[:, None, None] * ahead).reshape(-1, 2)
         points = np.column_stack([flat, np.full(len(flat), top)])
-        return self.world.below(points).reshape(places.shape[:-1]).mean(axis=0)
+        heights = self.world.below(points).reshape(ACROSS, len(target))
+        return heights.mean(axis=0), self.along @ heights / (self.along @ self.along)
 
 
 class VelocityCommand:
@@ -143,6 +158,8 @@ class VelocityCommand:
     ----------
     velocity: (2,) m/s, ahead and to the left. yaw_rate: rad/s. May be changed at any time.
     acceleration: m/s² and rad/s², with which the command that is followed goes there.
+    feel: on a plane, whether the plan's ground is the plane through the places where the feet stood
+        last: for a robot that does not know the ground.
     """
 
     def __init__(
@@ -150,6 +167,7 @@ class VelocityCommand:
         velocity: Sequence[float] = (0.3, 0.0),
         yaw_rate: float = 0.0,
         acceleration: tuple[float, float] = ACCELERATION,
+        feel: bool = False,
     ):
         self.velocity = numbers("velocity", velocity, (2,)).copy()
         self.yaw_rate = number("yaw_rate", yaw_rate)
@@ -160,13 +178,18 @@ class VelocityCommand:
         self._now, self._rate = np.zeros(2), 0.0
         self._time = np.nan
         self._place, self._yaw = np.zeros(2), 0.0
-        self._over: tuple[Controller, _Over] | None = None  # of the controller that asked last
+        self.feel = flag("feel", feel)
+        self._of: tuple[Controller, _Over | None, Gait | None] | None = None  # who asked last
+        self._footing: Footing | None = None
 
     def reset(self) -> None:
         """At the next call the command starts from rest, where the robot is then."""
-        self._time = np.nan
+        self._time, self._footing = np.nan, None
 
     def __call__(self, controller: Controller, t: float, x: Array) -> None:
+        if self._of is None or self._of[0] is not controller:
+            self._of, self._footing = (controller, *_helpers(controller)), None
+        _, over, gait = self._of
         N, dt = controller.problem.steps, controller.dt
         origin, rotation = controller.convention.base(x)
         ahead = np.arctan2(rotation[1, 0], rotation[0, 0])
@@ -186,48 +209,51 @@ class VelocityCommand:
         velocity = _turned(self._now, yaw)
         target = self._place + dt * np.cumsum(velocity, axis=0)
         controller.reference("CenterOfMassVelocity", "velocity")[:, :2] = velocity
-        self._follow_the_ground(controller, velocity, target, (yaw, float(origin[2])))
+        if over is not None:
+            self._follow_the_world(controller, over, target, (yaw, float(origin[2])))
+        else:
+            if self.feel:
+                self._footing = self._footing or Footing(controller, x)
+                self._footing.take(controller, t, x)
+            self._follow_the_slope(controller, velocity, target, yaw)
+        if gait is not None:
+            gait.write(controller, t, float(np.hypot(*self._now)) + abs(self._rate) * gait.length)
         controller.reference("BaseAngularVelocity", "velocity")[:, 2] = self._rate
         controller.reference("BaseOrientation", "roll_pitch_yaw")[:, 2] = yaw
         controller.reference("Position", "target")[:, :2] = target
 
-    def _follow_the_ground(
-        self, controller: Controller, velocity: Array, target: Array, base: tuple[Any, float]
-    ) -> None:
-        """Heights are those of the ground under the command's places (N, 2); ``base``: its heading
-        there (N,) rad, and how high it is now, m."""
-        dynamics = controller.problem.dynamics
-        if isinstance(dynamics, RobotDynamics) and isinstance(dynamics.terrain, World):
-            self._follow_the_world(controller, dynamics.terrain, target, base)
-        else:
-            self._follow_the_slope(controller, velocity, target)
-
+    @staticmethod
     def _follow_the_world(
-        self, controller: Controller, world: World, target: Array, base: tuple[Any, float]
+        controller: Controller, over: _Over, target: Array, base: tuple[Any, float]
     ) -> None:
-        """On a world, they are the mean over a body's length along the heading."""
-        if self._over is None or self._over[0] is not controller:
-            self._over = controller, _Over(controller, world)
-        heights = self._over[1].heights(target, *base)
-        controller.reference("BaseHeight", "height")[:, 0] = heights
+        """Heights and pitch are those of the ground along the body at the command's places (N, 2);
+        ``base``: its heading there (N,) rad, and how high it is now, m."""
+        yaw, now = base
+        heights, slope = over.line(target, yaw, now + over.length)
+        controller.reference("BaseHeight", "height")[:, 0] = heights + over.above
         rise = np.gradient(heights, controller.dt)
         controller.reference("CenterOfMassVelocity", "velocity")[:, 2] = rise
+        _pitch(controller, slope)
 
-    @staticmethod
-    def _follow_the_slope(controller: Controller, velocity: Array, target: Array) -> None:
-        """On a slope they rise with it."""
+    def _follow_the_slope(
+        self, controller: Controller, velocity: Array, target: Array, yaw: Any
+    ) -> None:
+        """On a slope they rise with it; on one that is felt the body leans with it too, at headings
+        (N,) rad."""
         names, p = controller.problem.dynamics.layout.names, controller.compiled.p[0]
         plane = plane_of(dict(zip(names, p.tolist(), strict=True)))
         if plane is None:
             return
         normal, height = plane
         rise = -normal[:2] / normal[2]
-        if not rise.any():
+        if not (rise.any() or self.feel):
             return
         start = controller.convention.base(controller.problem.start)[0]
         above = start[2] - (controller.first_ground + rise @ start[:2])
         controller.reference("BaseHeight", "height")[:, 0] = height + target @ rise + above
         controller.reference("CenterOfMassVelocity", "velocity")[:, 2] = velocity @ rise
+        if self.feel:
+            _pitch(controller, np.stack([np.cos(yaw), np.sin(yaw)], axis=1) @ rise)
 
     def _advance(self, seconds: float) -> None:
         """The command that is followed, and where it has led."""
@@ -236,6 +262,22 @@ class VelocityCommand:
         self._rate += min(max(self.yaw_rate - self._rate, -most), most)
         self._place = self._place + seconds * _turned(self._now, self._yaw)
         self._yaw += seconds * self._rate
+
+
+def _helpers(controller: Controller) -> tuple[_Over | None, Gait | None]:
+    """What a controller's problem needs beside its velocity: on a world, and with a gait."""
+    problem = controller.problem
+    dynamics, gait = problem.dynamics, None
+    if any(isinstance(term, FootHeightTracking) for term in problem.costs):
+        gait = Gait(controller.robot, problem.start, problem.length)
+    if isinstance(dynamics, RobotDynamics) and isinstance(dynamics.terrain, World):
+        return _Over(controller, dynamics.terrain), gait
+    return None, gait
+
+
+def _pitch(controller: Controller, slope: Array) -> None:
+    """Lean the body (N,) with the ground along it."""
+    controller.reference("BaseOrientation", "roll_pitch_yaw")[:, 1] = -PITCH * np.arctan(slope)
 
 
 def _toward(value: Array, change: Array, most: float) -> Array:

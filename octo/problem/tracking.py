@@ -14,12 +14,12 @@ from octo.model.character import Character
 from octo.model.quantities import GRAVITY
 from octo.problem.asked import Asked, Motion
 from octo.problem.at import Steps
-from octo.problem.contact_costs import Slip
+from octo.problem.contact_costs import ContactCost, Slip
 from octo.problem.costs import Cost
 from octo.problem.joint_costs import Effort, PoseTarget, TorqueLimit
 
 if TYPE_CHECKING:
-    from octo.problem.symbols import Setting, StepSymbols
+    from octo.problem.symbols import ContactSymbols, Setting, StepSymbols
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +70,19 @@ class TorqueTracking(Effort):
 
     def residual(self, step: StepSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
         return (step.u - p["torque"]) * p["inverse_reference"]
+
+
+@dataclass(frozen=True, eq=False)
+class FootHeightTracking(ContactCost):
+    """Height (m) of a foot over the ground against ``height``."""
+
+    height: float = 0.0
+
+    def references(self, setting: Setting) -> Mapping[str, Any]:
+        return {"height": self._number("height")}
+
+    def contact_residual(self, contact: ContactSymbols, p: Mapping[str, ca.SX]) -> ca.SX:
+        return contact.height - p["height"]
 
 
 def tracking(robot: Character, length: float) -> list[Cost]:

@@ -19,6 +19,29 @@ from octo.world.shape import FRACTION
 from octo.world.shapes import KINDS
 
 ALL = """
+void octo_world_below(const double *world, int count, const double *limits, double *points) {
+  const double lowest = limits[0], reached = limits[1], least = limits[2], steepest = limits[3];
+  for (int k = 0; k < count; ++k) {
+    double *point = points + 3 * (size_t)k, above = point[2], height = point[2], away;
+    while (octo_world(world, point, 0, &away), away > reached) {
+      above = height;
+      height -= fmax(away / steepest, least);
+      if (height < lowest) {
+        height = -INFINITY;
+        break;
+      }
+      point[2] = height;
+    }
+    for (int j = 0; j < (int)limits[4] && isfinite(height) && height < above; ++j) {
+      point[2] = 0.5 * (above + height);
+      octo_world(world, point, 0, &away);
+      if (away <= reached) height = point[2];
+      else above = point[2];
+    }
+    point[2] = height;
+  }
+}
+
 void octo_world_all(const double *world, int count, const double *points, int order, double *jets) {
   for (int k = 0; k < count; ++k) {
     octo_world(world, points + 3 * (size_t)k, order, jets + octo_world_size(order) * (size_t)k);
@@ -69,3 +92,22 @@ def compiled(data: Array, points: Array, order: int) -> Array | None:
         ctypes.c_void_p(jets.ctypes.data),
     )
     return jets
+
+
+def fallen(data: Array, points: Array, limits: tuple[float, float, float, float, int]) -> bool:
+    """Let points (k, 3) m fall onto a world, in place (``World.below``); False without a compiler.
+
+    limits: the lowest height, what counts as reached, the least step (m), the steepest slope of φ,
+        and halvings of the last step.
+    """
+    library = _library()
+    if library is None:
+        return False
+    given = np.array(limits, dtype=float)
+    library.octo_world_below(
+        ctypes.c_void_p(data.ctypes.data),
+        ctypes.c_int(len(points)),
+        ctypes.c_void_p(given.ctypes.data),
+        ctypes.c_void_p(doubles("points", points, points.shape).ctypes.data),
+    )
+    return True

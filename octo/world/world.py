@@ -130,15 +130,21 @@ class World:
         points: (k, 3) m.
         """
         given = places(points).copy()
+        if self._one_map:  # of which φ is the height over it
+            given[:, 2] -= np.maximum(self.distance(given), 0.0)
+            return given[:, 2]
         lowest = max(self.bounds[0, 2] - 1.0, float(given[:, 2].min(initial=0.0)) - FALLEN)
         height = given[:, 2]
+        steepest = float(self.data[layout.STEEPEST])
+        if query.fallen(self.data, given, (lowest, REACHED, LEAST, steepest, HALVINGS)):
+            return height
         above, falling = height.copy(), np.arange(len(given))
         while len(falling):
             away = self.distance(given[falling])
             falling, away = falling[away > REACHED], away[away > REACHED]
             above[falling] = height[falling]
             # so far there is no surface; beside a wall that is near
-            height[falling] -= np.maximum(away / self.data[layout.STEEPEST], LEAST)
+            height[falling] -= np.maximum(away / steepest, LEAST)
             height[falling[height[falling] < lowest]] = -np.inf
             falling = falling[np.isfinite(height[falling])]
         landed = np.flatnonzero(np.isfinite(height) & (height < above))
@@ -149,6 +155,13 @@ class World:
             height[landed[inside]] = middle[inside, 2]
             above[landed[~inside]] = middle[~inside, 2]
         return height
+
+    @cached_property
+    def _one_map(self) -> bool:
+        """Whether it is a single map of heights that is not turned."""
+        one = self.shapes[0]
+        level = np.array_equal(np.asarray(one.rotation), np.eye(3))
+        return len(self.shapes) == 1 and one.kind.name == "heights" and level
 
     def covers(self, points: ArrayLike) -> Array:
         """(k,) whether points have a shape above or below them, as seen from above.
