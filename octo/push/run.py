@@ -126,7 +126,7 @@ def _solved(
     if number < len(STAGES):
         own = replace(options.get("options") or SqpOptions(), hessian="dynamics")
         options["options"] = early(own) if number + 1 < len(STAGES) else own
-        options["max_iterations"] = stage.iterations
+        options["max_iterations"] = min(stage.iterations, options.get("max_iterations", 10**6))
     made = solve([problem] * len(guesses), start=guesses, **options)
     LOG.info("stage %d: %s", number + 1, ", ".join(one.status.label for one in made))
     return [_after(*pair) for pair in zip(members, made, strict=True)]
