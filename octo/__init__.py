@@ -61,6 +61,7 @@ _NAMES = {  # by the module that defines them
     ),
     "octo.problem.phases": "phases",
     "octo.problem.problem": "Problem",
+    "octo.push": "push",
     "octo.replay": "replay",
     "octo.result.solution": "Solution",
     "octo.solve": "solve",
@@ -181,6 +182,7 @@ if TYPE_CHECKING:
     from octo.problem.limits import TorqueLimits as TorqueLimits
     from octo.problem.phases import phases as phases
     from octo.problem.problem import Problem as Problem
+    from octo.push import push as push
     from octo.replay import replay as replay
     from octo.result.solution import Solution as Solution
     from octo.solve import solve as solve

@@ -25,7 +25,7 @@ from octo.result.solution import Solution
 
 LARGEST = 1e6  # m/s, rad/s or m
 NEAR = 0.2  # m and rad, what the error of a place is in parts of: a tenth is 2 cm, or 1.1°
-Kind = Literal["walk", "stride", "turn", "to", "jump", "up", "stand"]
+Kind = Literal["walk", "stride", "turn", "to", "jump", "up", "push", "stand"]
 Preset = Literal["natural", "paper", "robot"]
 
 
@@ -35,12 +35,14 @@ class Goal:
 
     Parameters
     ----------
-    kind: "walk", "stride", "turn", "to", "jump", "up" (get up) or "stand".
+    kind: "walk", "stride", "turn", "to", "jump", "up" (get up), "push" or "stand".
     speed: m/s (rad/s for turn, its sign the side).
-    place: (3,) m, m and rad, where "to" ends: ahead, to the left and turned to the left.
+    place: (3,) m, m and rad, where "to" ends: ahead, to the left and turned to the left; of "push"
+        (2,) m, x and y in the world, where the body ends.
     distance: m, of a jump.
     height: m, of a jump's top.
     preset: the list of terms, "natural", "paper" or "robot".
+    body: that is pushed.
     """
 
     kind: Kind = "walk"
@@ -49,6 +51,7 @@ class Goal:
     height: float = 0.2
     preset: Preset = field(default="paper")
     place: Sequence[float] = (1.0, 0.0, 0.0)
+    body: str = ""
 
     def __post_init__(self) -> None:
         one_of("goal", self.kind, get_args(Kind))
@@ -56,8 +59,13 @@ class Goal:
         names = ("speed", "distance", "height")
         sizes = [(name, number(name, getattr(self, name))) for name in names]
         place = numbers("place", self.place)
+        if self.kind == "push" and place.shape == (2,):
+            place = np.append(place, 0.0)
         if place.shape != (3,):
-            raise ShapeError("place", place.shape, "(3,): x and y in m, yaw in rad")
+            allowed = (
+                "(2,): x and y in m" if self.kind == "push" else "(3,): x and y in m, yaw in rad"
+            )
+            raise ShapeError("place", place.shape, allowed)
         for name, value in [*sizes, *(("place", value) for value in place)]:
             if not abs(value) <= LARGEST:
                 raise ValueRangeError(f"{name} is {value:g}, must be at most {LARGEST:g} in size")
@@ -102,6 +110,9 @@ class Goal:
         if self.kind == "jump":
             how = "jump_problem of octo.jump describes one"
             raise ProblemError(f"the terms of a jump go with its steps: {how}")
+        if self.kind == "push":
+            how = "octo.push finds the motion"
+            raise ProblemError(f"the goal 'push' is a place of an object and no term: {how}")
         if self.kind == "up":
             how = "octo.get_up finds the motion, from a pose that lies"
             raise ProblemError(f"the goal 'up' is a pose to end in and no term: {how}")
@@ -129,6 +140,11 @@ class Goal:
             return Asked.of(name, what, self._ends(solution), self.place, "m and rad", NEAR)
         if self.kind == "up":
             return Asked.of(name, *_upright(solution), "m and rad", NEAR)
+        if self.kind == "push":
+            robot = solution.character
+            assert robot is not None  # who has none has no goal
+            found = body_poses(robot, solution.x[-1])[1][robot.body_index(self.body), :2]
+            return Asked.of(name, f"{self.body} ends at", found, self.place[:2], "m", NEAR)
         moved = solution.com - solution.com[0]
         if self.kind == "jump":
             what = "the centre of mass ends ahead of its start and rises at its top by"

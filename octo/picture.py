@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from octo.checks import STILLS, Array, ending, flag, numbers, whole
 from octo.dynamics.crowd import singles_of
 from octo.errors import ModelError, ValueRangeError
-from octo.model.figure import Surface, ball, size, tile
+from octo.model.figure import ARROW, Surface, ball, size, tile
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.skins import skins
 from octo.result.even import even
@@ -46,6 +46,8 @@ STONE = np.array([0.86, 0.84, 0.80])  # colour of the shapes of a world
 REACH, WIDE = 1.1, 1.6
 FINE, STEP = 0.06, 0.1  # of a triangle of a shape, and how far a shadow may go down a step
 SOLID = 0.89  # of a colour, below which a shape is not faded
+IN_PLACE: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0}  # of arrows
+FORCE = np.array([0.88, 0.27, 0.20])  # colour of the forces between bodies
 CREASE, LINE = np.array([0.45, 0.44, 0.42]), 0.04  # colour of an edge, and how far it is nearer
 
 
@@ -113,6 +115,8 @@ def filmstrip(
     all), in one picture.
 
     Feet are orange while they carry load; footprints and the path of the centre of mass are marked.
+    Forces between bodies are arrows, one on each body; the weight is as long as 0.8 of the
+    character.
     A character that hardly travels is drawn beside itself, moment by moment. ``visuals``: a robot
     looks as its file says, False: as the shapes that octo computes with.
 
@@ -171,6 +175,8 @@ class Scene:
         self.shadows: list[Array] = []
         self.tiles: list[tuple[Array, Array]] = []  # (4, 3) m, (3,) colour
         self.prints = np.zeros((0, 3))
+        # start and way (k, 3) m of forces
+        self.arrows: list[tuple[Array, Array]] = [(np.zeros((0, 3)), np.zeros((0, 3)))]
         self.visuals = True  # characters look as their files say
 
     def character(self, solution: Solution, frame: int, share: float, shift: Array) -> None:
@@ -196,6 +202,11 @@ class Scene:
             if solution.loaded[:, c].any():
                 color = LOADED_FOOT if solution.loaded[max(frame - 1, 0), c] else FOOT
                 self._add(ball(np.zeros(3), radius), np.eye(3), centers[k] + shift, color)
+        if frame > 0:  # the forces of a step belong to the node that ends it
+            on = solution.touched[frame - 1]
+            length = ARROW * self.scale / solution.weight  # m/N
+            where, push = solution.touch_point[frame - 1, on], solution.touch_force[frame - 1, on]
+            self.arrows += [(where + shift, sign * length * push) for sign in (1.0, -1.0)]
 
     def _add(self, surface: Surface, rotation: Array, origin: Array, color: Array) -> None:
         corners = (surface.vertices @ rotation.T + origin)[surface.faces]
@@ -332,6 +343,9 @@ class Scene:
             )
         order = np.argsort(-away, kind="stable")
         paint(flat(corners[order]), colors[order], 5)
+        starts, ways = (flat(np.concatenate(part)) for part in zip(*self.arrows, strict=True))
+        if len(starts):
+            axes.quiver(*starts.T, *ways.T, color=FORCE, width=0.0025, zorder=7, **IN_PLACE)
         if path is not None:
             line = flat(path)
             over = 6 if self.shapes else 4

@@ -29,6 +29,7 @@ from octo.cli.arguments import (
     steps_of,
 )
 from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
+from octo.cli.push import add_object_argument, check_push, pushed, target_of
 from octo.cli.world import check_covered, ground_of_words
 from octo.errors import ProblemError, UsageError
 from octo.goals import Goal
@@ -43,6 +44,8 @@ SECONDS = 10.0  # of motion, where none are asked for …
 RISING = 3.0  # … of getting up
 # goals that natural terms reach with a stride that repeats
 COMPOSED = ("walk", "stride", "turn", "to")
+GOALS = "walk, stride (sideways), turn, to X,Y,YAW, jump, up, push BODY X,Y or stand"
+PLACED = {"to": 1, "push": 2}  # goals that words follow, and how many
 FILES = ("solution.npz", "report.json", "plot.png", "motion.html")
 
 
@@ -55,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--out", None, None, "folder of the four files (default ./octo-ROBOT-GOAL)", "DIR"),
         ("--accept-missed", bool, False, "exit with 0 also when the goal is missed"),
     )
+    add_object_argument(parser)
     parser.set_defaults(run=run)
 
 
@@ -73,7 +77,7 @@ def add_goal_arguments(
     )
     add_options(
         parser,
-        ("--goal", None, "walk", "walk, stride (sideways), turn, to X,Y,YAW, jump, up or stand"),
+        ("--goal", None, "walk", GOALS),
         ("--speed", number, 0.5, "m/s; rad/s for turn, its sign the side"),
         ("--distance", number, 0.5, "m, of a jump"),
         ("--height", number, 0.2, "m, of the centre of mass gained by a jump"),
@@ -87,7 +91,7 @@ def add_goal_arguments(
         ("--costs", None, costs, terms),
     )
     add_limits_arguments(parser)
-    starts = None if seeds else "3 of each period of a stride, 1 of other problems"
+    starts = None if seeds else "3 of each period of a stride, 5 of a push, 1 of others"
     add_solver_arguments(parser, device, seeds, starts)
 
 
@@ -110,6 +114,8 @@ def run(arguments: argparse.Namespace) -> int:
     resolve_device(arguments.device)
     if composed:
         solution = from_rest_to_rest(robot, goal, arguments, began)
+    elif goal.kind == "push":
+        solution = pushed(robot, goal, arguments, began)
     elif goal.kind == "up":
         solution = got_up(robot, start, arguments, began)
     else:
@@ -130,7 +136,9 @@ def goal_of(arguments: argparse.Namespace) -> Goal:
     names = {"speed": "speed", "distance": "distance", "height": "height", "preset": "costs"}
     kind, *place = str(arguments.goal).split(" ", 1)
     given: dict[str, Any] = {"kind": kind}
-    if place or kind == "to":
+    if kind == "push":
+        given["body"], given["place"] = target_of(" ".join(place))
+    elif place or kind == "to":
         given["place"] = place_of(" ".join(place))
     return Goal(**given, **{field: getattr(arguments, name) for field, name in names.items()})
 
@@ -150,16 +158,17 @@ def place_of(word: str) -> tuple[float, ...]:
 
 
 def with_place(words: Sequence[str]) -> list[str]:
-    """The words of a command with those of ``--goal to X,Y,YAW`` as one: a number may begin with a
-    minus."""
-    made = [""]
+    """The words of a command with those of ``--goal to X,Y,YAW``, or ``push BODY X,Y``, as one: a
+    number may begin with a minus."""
+    made, left = [""], 0
     for word in words:
-        if (made[-1], word) == ("--goal", "to"):
-            made[-1] = "--goal=to"
-        elif made[-1] == "--goal=to" and not word.startswith("--"):
-            made[-1] += f" {word}"
+        if made[-1] == "--goal" and word in PLACED:
+            made[-1], left = f"--goal={word}", PLACED[word]
+        elif left and not word.startswith("--"):
+            made[-1], left = f"{made[-1]} {word}", left - 1
         else:
             made.append(word)
+            left = 0
     return made[1:]
 
 
@@ -178,6 +187,7 @@ def check(arguments: argparse.Namespace, composed: bool) -> None:
     UsageError: one line that names the option and what it goes with.
     """
     check_limits(arguments)
+    check_push(arguments, arguments.goal.split(" ")[0] == "push")
     if composed:
         for name in ("passes", "start"):
             if getattr(arguments, name) is not None:
@@ -266,6 +276,8 @@ def check_way(goal: Goal, arguments: argparse.Namespace) -> None:
     """Refuse a ground that ends before the motion does."""
     seconds = SECONDS if arguments.seconds is None else arguments.seconds
     way = [seconds * speed for speed in goal.velocity[:2]]
+    if goal.kind == "push":
+        return
     if goal.kind in ("to", "jump"):
         way = [*goal.place[:2]] if goal.kind == "to" else [goal.distance, 0.0]
     check_covered(ground_of_words(arguments), way)
@@ -273,7 +285,7 @@ def check_way(goal: Goal, arguments: argparse.Namespace) -> None:
 
 def asked_steps(goal: Goal, arguments: argparse.Namespace) -> int | None:
     """N of --seconds and --dt; None for a jump, or a place, that takes what it needs."""
-    if arguments.seconds is None and goal.kind in ("jump", "to"):
+    if arguments.seconds is None and goal.kind in ("jump", "to", "push"):
         return None
     usual = RISING if goal.kind == "up" else SECONDS
     return steps_of(usual if arguments.seconds is None else arguments.seconds, arguments.dt)
@@ -304,8 +316,9 @@ def described(
             )
         where |= {"seconds": None if steps is None else steps * dt, "constraints": held}
         return jump_problem(robot, goal.height, goal.distance, dt=dt, **where)
-    if goal.kind == "up":
-        raise UsageError("--goal up goes with octo solve, and octo.get_up in Python")
+    if goal.kind in ("up", "push"):
+        name = {"up": "get_up", "push": "push"}[goal.kind]
+        raise UsageError(f"--goal {goal.kind} goes with octo solve, and octo.{name} in Python")
     if goal.kind == "to":
         raise UsageError(
             "--goal to is reached in strides: it goes with octo solve, --costs natural and --basis "

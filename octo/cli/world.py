@@ -25,7 +25,7 @@ OF_FILES: dict[str, type] = dict.fromkeys(("cell", "height", "scale", "x", "y", 
 OF_FILES["ground"] = bool
 EACH = 0.02  # m, between two places of a way that are looked at
 TRUTHS = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False}
-WORDS = {int: "a whole number", float: "a number"}
+WORDS = {int: "a whole number", float: "a number", str: "a word"}
 
 
 def ground_of_words(arguments: argparse.Namespace) -> terrain.Ground:
@@ -53,7 +53,7 @@ def world_of(word: str, cell: float | None = None) -> World:
         known = {
             key: type(p.default) for key, p in inspect.signature(WORLDS[name]).parameters.items()
         }
-        return WORLDS[name](**_values(f"world {name!r}", sizes, known))
+        return WORLDS[name](**values_of(f"world {name!r}", sizes, known))
     path, colon, sizes = word.rpartition(":")
     if not colon or is_file(Path(word)):
         path, sizes = word, ""
@@ -62,7 +62,7 @@ def world_of(word: str, cell: float | None = None) -> World:
         if file.suffix or len(file.parts) > 1:
             raise RobotFileError(f"world file {path} does not exist")
         raise UnknownNameError("world", name, [*WORLDS, *(f"FILE{end}" for end in ENDINGS)])
-    own = _values(f"world {file.name!r}", sizes, OF_FILES)
+    own = values_of(f"world {file.name!r}", sizes, OF_FILES)
     if cell is not None:
         own["cell"] = cell
     place, level = [own.pop(axis, 0.0) for axis in "xyz"], own.pop("ground", False)
@@ -91,7 +91,7 @@ def check_covered(ground: terrain.Ground, way: Sequence[float]) -> None:
         )
 
 
-def _values(what: str, text: str, known: Mapping[str, type]) -> dict[str, Any]:
+def values_of(what: str, text: str, known: Mapping[str, type]) -> dict[str, Any]:
     """The sizes of ``name=value,name=value``, each of the kind that is known of it."""
     found: dict[str, Any] = {}
     for part in text.split(",") if text else ():

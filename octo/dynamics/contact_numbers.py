@@ -56,6 +56,20 @@ def contact_function(dynamics: RobotDynamics) -> ca.Function:
     return ca.Function("contacts", [x_next, x, p], [*vectors, depth])
 
 
+@postponed()
+def touch_function(dynamics: RobotDynamics) -> ca.Function:
+    """Forces on the spheres' bodies and where they act (3, m), of the contacts between bodies
+    (``character.touches``), at (x_next, x, p)."""
+    robot = dynamics.character
+    x_next, x = ca.SX.sym("x_next", dynamics.nx), ca.SX.sym("x", dynamics.nx)
+    p = ca.SX.sym("p", dynamics.layout.size)
+    poses, now = symbolic.body_poses(robot, x_next), symbolic.body_poses(robot, x)
+    given = (poses, now, dynamics.law, dynamics.layout.view(p))
+    pairs = [symbolic.mutual_force(robot, k, *given) for k in range(len(robot.touches))]
+    found = [ca.horzcat(ca.SX(3, 0), *values) for values in zip(*pairs, strict=True)]
+    return ca.Function("touches", [x_next, x, p], found, {"cse": True})
+
+
 def contact_numbers(
     dynamics: RobotDynamics, p: Array, x_next: Array, x: Array
 ) -> tuple[list[Array], Array]:

@@ -30,6 +30,7 @@ THICK = 0.06  # radius from which on a solid is drawn finer, relative to the cha
 MANY = 16  # contacts of a body from which on they are its surface: the vertices of a mesh
 FINE, SKIN = 2, 1e-2  # of that surface: directions, and of a flat one the rounding, of its size
 THINNEST = 0.02  # radius of what has no size, relative to the character's size
+ARROW = 0.8  # length of the arrow of a force that is the weight, relative to the character's size
 
 
 @dataclass(frozen=True)

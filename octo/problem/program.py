@@ -7,7 +7,7 @@ from functools import cached_property
 
 import casadi as ca
 
-from octo.dynamics.contact_numbers import contact_function
+from octo.dynamics.contact_numbers import contact_function, touch_function
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import ProblemError
 from octo.interrupts import postponed
@@ -54,3 +54,10 @@ class Program:
         if not isinstance(dynamics, RobotDynamics):
             raise ProblemError("user-written dynamics have no contacts")
         return contact_function(dynamics)
+
+    @cached_property
+    @postponed()
+    def touches(self) -> ca.Function:
+        """Forces between bodies of one step and where they act, for reports: (x_next, x, p)."""
+        assert isinstance(self.dynamics, RobotDynamics)
+        return touch_function(self.dynamics)

@@ -19,7 +19,7 @@ from octo.problem.compiled import CompiledProblem, Evaluation
 from octo.result.bounds import bounds_kept
 from octo.result.residuals import residuals_of
 from octo.result.stride import Stride
-from octo.result.trajectory import VECTORS
+from octo.result.trajectory import TOUCHES, VECTORS
 from octo.world.drawn import sampled
 from octo.world.world import World
 
@@ -67,6 +67,7 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
         "bounds": bounds_kept(problem, at, member),
         "residuals": residuals_of(problem, at, member),
         **_contacts(dynamics, at.nodes[member], p, problem),
+        **_touches(dynamics, at.nodes[member], p, problem),
     }
 
 
@@ -114,6 +115,20 @@ def _contacts(
     out["contact_names"] = tuple(robot.contacts[k].name for k in robot.terrain_contacts)
     out["ground"] = ground(dynamics, p, out["contact_point"])
     return out
+
+
+def _touches(
+    dynamics: Dynamics, nodes: Array, p: Array, problem: CompiledProblem
+) -> dict[str, Array]:
+    """The forces between bodies, and where they act."""
+    steps = len(nodes) - 2
+    count = len(dynamics.character.touches) if isinstance(dynamics, RobotDynamics) else 0
+    if not count:
+        return {}
+    given = (nodes[2:].T, nodes[1:-1].T, np.repeat(p[:, None], steps, axis=1))
+    found = problem.program.touches.map(steps)(*given)
+    arrays = [np.asarray(own).reshape(3, steps, count).transpose(1, 2, 0) for own in found]
+    return dict(zip(TOUCHES, arrays, strict=True))
 
 
 def world_of(dynamics: Dynamics) -> World | None:

@@ -19,7 +19,7 @@ from octo.problem.asked import Asked
 from octo.result.bounds import Bound
 from octo.result.residuals import Residual
 from octo.result.stride import ARRAYS, Stride
-from octo.result.trajectory import VECTORS
+from octo.result.trajectory import NONE, TOUCHES, VECTORS
 from octo.solver.status import Status
 from octo.world import store as world_store
 
@@ -28,7 +28,8 @@ DEFAULTS: dict[str, Any] = {"processor_seconds": 0.0, "seed": 0, "device": "cpu"
 DEFAULTS |= {"passes": [], "starts": [], "asked": [], "bounds": [], "residuals": [], "phases": 0}
 WORLD = "world_"  # how the names of a world's arrays begin
 PHASE = "phase"  # how the names of a phase's entries begin, behind which its number is
-SOLUTION_ARRAYS = ("x", "u", "unknowns", "multipliers", "torque_limit", "contact_depth", *VECTORS)
+SINGLE = ("x", "u", "unknowns", "multipliers", "torque_limit", "contact_depth")
+SOLUTION_ARRAYS = (*SINGLE, *VECTORS, *TOUCHES)
 
 
 def write(target: Path, values: Mapping[str, Any]) -> None:
@@ -163,7 +164,16 @@ def _motion(file: Archive, finite: bool) -> dict[str, Any]:
         **{"character": robot, "dt": dt, "x": x, "u": u, "torque_limit": limit},
         **{"contact_names": names, "contact_depth": depth, "cycle": _stride(file, x, u, robot)},
         **{name: file.array(name, (steps, contacts, 3), finite=finite) for name in VECTORS},
+        **{name: _between(file, name, steps, robot, finite) for name in TOUCHES},
     }
+
+
+def _between(file: Archive, name: str, steps: int, robot: Character | None, finite: bool) -> Array:
+    """(N, m, 3) of contacts between bodies; none of a motion that nobody measured, nor in the file
+    of an earlier version."""
+    if robot is None or not np.size(file.arrays.get(name, ())):
+        return NONE
+    return file.array(name, (steps, len(robot.touches), 3), finite=finite)
 
 
 def _variables(file: Archive, name: str, finite: bool) -> Array:

@@ -46,8 +46,8 @@ class Solution(Trajectory, Shown):
     contact arrays             (N, c, …)          at moment i+1
     =========================  =================  ============================================
 
-    The row of x for moment −1 says v[0]; contact arrays are normal_force, loaded, stance and all
-    whose names begin with ``contact_``, but contact_names.
+    The row of x for moment −1 says v[0]; contact arrays are normal_force, loaded, stance, touched
+    and all whose names begin with ``contact_`` or ``touch_``, but contact_names and touch_names.
 
     Attributes
     ----------
@@ -74,6 +74,9 @@ class Solution(Trajectory, Shown):
     contact_velocity: (N, c, 3) m/s.
     contact_normal: (N, c, 3).
     contact_depth: (N, c) m.
+    touch_force: (N, m, 3) N between bodies, of ``touch_names`` (m,): on the body of the sphere; the
+        opposite acts on the body of the solid.
+    touch_point: (N, m, 3) m, where both act.
     ground: sampled terrain under the motion: x (a,), y (b,), z (a, b) m.
     world: the shapes that the motion is on; None on a plane or a user-written terrain.
     history: one column per name of HISTORY, one row per iteration of every pass.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -22,7 +22,9 @@ from octo.result.stride import Stride
 from octo.world.world import World
 
 VECTORS = ("contact_force", "contact_point", "contact_velocity", "contact_normal")  # (N, c, 3)
-ROWS = ("u", "contact_depth", *VECTORS)  # one a step
+TOUCHES = ("touch_force", "touch_point")  # (N, m, 3), of contacts between bodies
+ROWS = ("u", "contact_depth", *VECTORS, *TOUCHES)  # one a step
+NONE: Array = np.zeros((0, 0, 3))  # of a motion whose contacts between bodies nobody measured
 # rad or m, that a coordinate may change in a step: one that changes by more may have gone round the
 # other way, or through the ground, at no cost, for a residual sees nothing between two nodes
 LEAP = 1.0
@@ -55,12 +57,19 @@ class Trajectory:
     contact_depth: Array  # (N, c) m
     ground: dict[str, Array]
     parameters: dict[str, float]  # of the dynamics, of the last pass
+    touch_force: Array = field(default_factory=NONE.copy)  # (N, m, 3) N
+    touch_point: Array = field(default_factory=NONE.copy)  # (N, m, 3) m
     world: World | None = None
     cycle: Stride | None = None
     asked: tuple[Asked, ...] = ()
     bounds: tuple[Bound, ...] = ()
     residuals: tuple[Residual, ...] = ()
     phases: tuple[Trajectory, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in TOUCHES:
+            if not getattr(self, name).size:
+                object.__setattr__(self, name, np.zeros((self.steps, 0, 3)))
 
     # -- the motion --------------------------------------------------------------------------------
 
@@ -141,6 +150,19 @@ class Trajectory:
     def normal_force(self) -> Array:
         """(N, c) N."""
         return np.sum(self.contact_force * self.contact_normal, axis=-1)
+
+    @property
+    def touch_names(self) -> tuple[tuple[str, str], ...]:
+        """(m,) what touches what: the sphere of one body and the solid of another."""
+        robot = self.character
+        if robot is None or not self.touch_force.shape[1]:
+            return ()
+        return tuple((robot.contacts[c].name, robot.solids[s].name) for c, s in robot.touches)
+
+    @property
+    def touched(self) -> NDArray[np.bool_]:
+        """(N, m) the contacts between bodies that carry at least 1 % of the weight."""
+        return np.linalg.norm(self.touch_force, axis=-1) >= LOADED * self.weight
 
     @property
     def own_contacts(self) -> NDArray[np.bool_]:
@@ -227,7 +249,8 @@ class Trajectory:
     def tile(self, strides: int) -> Self:
         """Whole strides of a cycle one after the other, without ``unknowns``: a mirrored one has
         two pieces a stride, and its ``violation`` and ``pointwise_residual`` are those of the image
-        too, larger where the robot is not exactly its own mirror image.
+        too, larger where the robot is not exactly its own mirror image. Contacts between bodies are
+        not carried on.
 
         Raises
         ------
@@ -238,7 +261,8 @@ class Trajectory:
             how = "solve a Problem with cycle=octo.Cycle(…)"
             raise ProblemError(f"this motion is no cycle, it cannot be tiled: {how}")
         pieces = whole("strides", strides) * (2 if stride.mirrored else 1)
-        made: dict[str, list[Array]] = {name: [getattr(self, name)] for name in ROWS}
+        kept = [name for name in ROWS if name not in TOUCHES]
+        made: dict[str, list[Array]] = {name: [getattr(self, name)] for name in kept}
         made["x"] = [self.x[2:]]
         for _ in range(pieces - 1):
             last = {name: blocks[-1] for name, blocks in made.items()}
@@ -249,7 +273,7 @@ class Trajectory:
                 turned = last[name][:, stride.contacts] @ stride.rotation.T
                 made[name].append(turned + stride.shift if name == "contact_point" else turned)
         joined: dict[str, Any] = {name: np.concatenate(blocks) for name, blocks in made.items()}
-        joined["x"] = np.concatenate([self.x[:2], joined["x"]])
+        joined |= dict.fromkeys(TOUCHES, NONE) | {"x": np.concatenate([self.x[:2], joined["x"]])}
         for name in ("violation", "pointwise_residual"):
             joined[name] = max(getattr(self, name), stride.asymmetry)
         return replace(

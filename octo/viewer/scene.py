@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from octo.dynamics.crowd import singles_of
 from octo.errors import ModelError
 from octo.model.character import Character
-from octo.model.figure import ball, size
+from octo.model.figure import ARROW, ball, size
 from octo.model.kinematics import axis_rotation, body_poses, center_of_mass
 from octo.model.quantities import Array, interpolated
 from octo.model.quaternions import quaternions
@@ -27,7 +27,6 @@ CALM = 0.4  # s, over which the motion of the camera is smoothed
 COLORS: tuple[Color, ...] = ((66, 120, 178), (208, 112, 60), (96, 152, 92), (140, 106, 170))
 FOOT, LOADED_FOOT, FORCE = (92, 97, 104), (245, 140, 40), (225, 70, 50)
 AWAY = -1e3  # m, height at which an arrow without a force is out of sight
-ARROW = 0.8  # of the size of the character, length of an arrow that is the weight
 SAME_HEADING = 1e-3  # rad
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -47,7 +46,8 @@ class Actor:
     Attributes
     ----------
     rotation (frames, bodies, 4): quaternions, real part first; origin (frames, bodies, 3) m.
-    com: (frames, 3) m. force, point: (frames, c, 3) N and m. loaded: (frames, c).
+    com: (frames, 3) m. force, point: (frames, c, 3) N and m. loaded: (frames, c). touch: force on
+        the sphere's body, and where, (frames, m, 3) each, of what touches what.
     """
 
     solution: Solution
@@ -59,6 +59,7 @@ class Actor:
     force: Array
     point: Array
     loaded: NDArray[np.bool_]
+    touch: tuple[Array, Array]
     skins: list[list[Skin]]  # of each body
 
     @staticmethod
@@ -77,8 +78,10 @@ class Actor:
         fields = (solution.contact_force, solution.contact_point, solution.loaded)
         force, point, loaded = (values[step] for values in fields)
         com, rotation = center_of_mass(character, x) + offset, np.stack(turns, axis=1)
+        push = np.where(solution.touched[..., None], solution.touch_force, 0.0)[step]
+        touch = (push, solution.touch_point[step] + offset)
         drawn = skins(character, visuals)
-        at = (rotation, origin + offset, com, force, point + offset, loaded, drawn)
+        at = (rotation, origin + offset, com, force, point + offset, loaded, touch, drawn)
         return Actor(solution, character, offset, *at)
 
 
@@ -223,7 +226,7 @@ def _add_character(
             surface = ball(contact.position, max(1.1 * contact.radius, 0.018 * scale))
             nodes.feet[c] = f"{nodes.bodies[contact.body]}/{_plain(contact.name)}"
             scene.add_mesh_simple(nodes.feet[c], surface.vertices, surface.faces, color=FOOT)
-    if not forces or not ever.any():
+    if not forces or not (ever.any() or actor.touch[0].any()):
         return nodes
     radius = 0.01 * scale
     sizes = {"shaft_radius": radius, "head_radius": 2.5 * radius, "head_length": 5 * radius}
@@ -232,11 +235,16 @@ def _add_character(
 
 
 def arrows_of(actor: Actor) -> Array:
-    """(frames, c, 2, 3) m, start and end of each arrow; without a force it is out of sight."""
+    """(frames, c + 2 m, 2, 3) m, start and end of each arrow, of what touches what one on each
+    body; without a force it is out of sight."""
     weight = actor.solution.weight
     length = ARROW * size(actor.character) / weight if weight > 0.0 else 0.0  # m/N
-    arrows = np.stack([actor.point, actor.point + length * actor.force], axis=2)
-    arrows[~actor.loaded] = [(0.0, 0.0, AWAY), (0.0, 0.0, AWAY - 1.0)]
+    push, where = actor.touch
+    point = np.concatenate([actor.point, where, where], axis=1)
+    force = np.concatenate([actor.force, push, -push], axis=1)
+    shown = np.concatenate([actor.loaded, *2 * [push.any(axis=-1)]], axis=1)
+    arrows = np.stack([point, point + length * force], axis=2)
+    arrows[~shown] = [(0.0, 0.0, AWAY), (0.0, 0.0, AWAY - 1.0)]
     return np.asarray(arrows)
 
 

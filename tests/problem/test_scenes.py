@@ -7,6 +7,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from matplotlib.quiver import Quiver
 from walker import START, walker, wiggle_near_ground
 
 import octo
@@ -17,6 +18,7 @@ from octo.gpu.problem import DeviceProblem
 from octo.model.character import Body, Character, ContactSphere, Joint
 from octo.problem.compiled import CompiledProblem
 from octo.problem.interpreted import Interpreted
+from octo.viewer.scene import Actor, arrows_of
 from tests import emulator
 from tests.emulator import EmulatedDevice
 
@@ -109,8 +111,13 @@ def push():
     return octo.Problem(scene, steps=60, dt=0.02, costs=costs, law=LAW)
 
 
-def test_a_hand_pushes_a_box_to_a_place(push, tmp_path):
-    solution = octo.solve(push, device="cpu")
+@pytest.fixture(scope="module")
+def pushed(push):
+    return octo.solve(push, device="cpu")
+
+
+def test_a_hand_pushes_a_box_to_a_place(push, pushed, tmp_path):
+    solution = pushed
     assert solution.converged
     place = solution.x[-1, push.character.joint_index("box_x")]
     assert place == pytest.approx(0.5, abs=0.01)
@@ -121,8 +128,36 @@ def test_a_hand_pushes_a_box_to_a_place(push, tmp_path):
     solution.save(tmp_path / "push.npz")
     back = octo.Solution.load(tmp_path / "push.npz")
     assert back.character.touches == push.character.touches
-    octo.view(solution, tmp_path / "push.html")
-    octo.filmstrip(solution, tmp_path / "push.png")
+    assert np.array_equal(back.touch_force, solution.touch_force)
+    assert np.array_equal(back.touch_point, solution.touch_point)
+
+
+def test_what_touches_a_box_and_what_it_lies_on_moves_it_as_newton_says(pushed):
+    names = pushed.joint_names
+    box = [names.index(f"box_{axis}") for axis in "xyz"]
+    assert pushed.touch_names == (("tip", "box"),)
+    on_ground = pushed.contact_force[:, ~pushed.own_contacts].sum(axis=1)  # (N, 3) N
+    found = on_ground - pushed.touch_force.sum(axis=1) - (0.0, 0.0, 9.81 * 1.0)
+    acceleration = np.diff(pushed.x[:, box], n=2, axis=0) / pushed.dt**2  # (N, 3) of 1 kg
+    assert found == pytest.approx(acceleration, abs=1e-4 * pushed.weight)
+    assert pushed.touched.any()
+    force = np.where(pushed.touched[..., None], pushed.touch_force, 0.0)
+    assert force[..., 0].max() <= 0.0  # the box is in front: it presses the hand back
+
+
+def test_forces_between_bodies_are_drawn_on_both(pushed, tmp_path):
+    actor = Actor.of(pushed, pushed.times, np.zeros(3))
+    arrows = arrows_of(actor)  # (frames, c + 2, 2, 3)
+    on, off = arrows[1:, -2], arrows[1:, -1]
+    seen = pushed.touched[:, 0]
+    assert (on[~seen] == off[~seen]).all() and (on[~seen, 0, 2] < -100.0).all()
+    assert on[seen, 0] == pytest.approx(pushed.touch_point[seen, 0])
+    assert on[seen, 1] - on[seen, 0] == pytest.approx(off[seen, 0] - off[seen, 1])
+    octo.view(pushed, tmp_path / "push.html")
+    moments = np.flatnonzero(seen)[[0, -1]] * pushed.dt + pushed.dt
+    drawn = octo.filmstrip(pushed, tmp_path / "push.png", 2, tuple(moments))
+    quivers = [one for one in drawn.axes[0].collections if isinstance(one, Quiver)]
+    assert [one.N for one in quivers] == [4]  # at each moment one on each body
 
 
 @needs_compiler

@@ -1,0 +1,168 @@
+"""From a task to its motion: the walk, the stages of the push, the way to where it begins."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Unpack
+
+import numpy as np
+
+from octo.checks import Array, asked, positive, takes, time_step, whole
+from octo.continuation.schedule import early
+from octo.goals import Goal
+from octo.model.scene import Scene
+from octo.motions.budget import Budget
+from octo.motions.steady import go_to
+from octo.motions.transitions import JOINT, SUMS
+from octo.problem.cycle import TIME_STEP
+from octo.push.plan import FRICTION, STAGES, Plan, Stage
+from octo.push.task import SPEED, Task
+from octo.ranking import best_of
+from octo.result.solution import Solution
+from octo.solve import LARGEST_SEED, MOST_STARTS, How, Usual, evaluated, solve
+from octo.solver.options import SqpOptions
+from octo.solver.status import Status
+from octo.starts import smooth_noise
+
+LOG = logging.getLogger("octo")
+
+NEAR = 0.05  # ℓ and rad, of where the push begins: no walk leads there
+
+
+@asked
+@takes(Usual)
+def push(
+    scene: Scene,
+    body: str,
+    place: Sequence[float],
+    seconds: float | None = None,
+    *,
+    mu: float = 0.6,
+    dt: float = TIME_STEP,
+    seeds: int = 5,
+    seed: int = 0,
+    **how: Unpack[How],
+) -> Solution:
+    """Push an object to a place: the robot walks behind it, pushes, and stands.
+
+    Parameters
+    ----------
+    scene: a robot on level ground, and objects. Where its ``contacts`` are not given, all contact
+        spheres of the robot may touch ``body``.
+    body: name of the object.
+    place: (2,) m, x and y in the world, where the middle of the object gets to.
+    seconds: of the push; by default those of a slow walk. The way to the object comes before it.
+    mu: friction of all contacts, more than 0.
+    dt: s, of one step.
+    seeds: starts that differ in the noise of the joints, solved as one batch; ``seed`` is the first
+        one's number.
+    passes, options, max_iterations, time_limit, tolerance, device, threads, progress, callback: as
+        those of :func:`octo.solve`; ``time_limit`` is of the whole motion, ``passes`` are those of
+        the strides.
+
+    Returns
+    -------
+    The best converged of the starts, behind the way to the object; ``starts`` has a record of each.
+    The object ends there: at rest, but for a ball, which would roll through it (no start of a ball
+    is known to converge).
+
+    Raises
+    ------
+    OctoError: what cannot be pushed is refused; nothing was computed.
+    """
+    task = Task.of(scene, body, place, mu, time_step(dt))
+    whole("seeds", seeds, most=MOST_STARTS)
+    whole("seed", seed, 0, LARGEST_SEED)
+    time = None if seconds is None else positive("seconds", seconds, "s")
+    budget = Budget({name: value for name, value in how.items() if value is not None})
+    found = pushed(task, time, seeds, seed, budget)
+    return Goal("push", place=task.place.tolist(), body=body).said(found)
+
+
+def pushed(task: Task, seconds: float | None, seeds: int, seed: int, budget: Budget) -> Solution:
+    """The motion of a task: the way to the object, and the best of the pushes."""
+    walk = _walk(task, np.array([np.linalg.norm(task.way), 0.0, 0.0]), seconds, budget)
+    if walk.status is Status.INTERRUPTED:
+        return walk
+    plan = Plan(task, walk)
+    members: list[Any] = _starts(plan, seeds, seed)
+    for number, stage in enumerate((*STAGES, STAGES[-1])):
+        members = _solved(plan, stage, members, number, budget)
+        if any(one.status is Status.INTERRUPTED for one in members):
+            break
+    best = best_of([replace(one, seed=seed + k) for k, one in enumerate(members)])
+    return _behind(plan, best, budget)
+
+
+def _walk(task: Task, place: Array, seconds: float | None, budget: Budget) -> Solution:
+    """A walk of the robot alone, in the pose in which it pushes."""
+    options = budget.left("the walk") | {"law": task.law(FRICTION), "pose": task.leaning}
+    speed = SPEED * task.speed
+    return go_to(task.robot, place.tolist(), seconds, speed=speed, dt=task.dt, **options)
+
+
+def _starts(plan: Plan, seeds: int, seed: int) -> list[Array]:
+    """First guesses: the walk with the noise of each seed in the joints."""
+    first = plan.problem(STAGES[0])
+    made = []
+    for k in range(seeds):
+        nodes = plan.nodes.copy()
+        nodes[1:-1, first.dynamics.actuated] += smooth_noise(first, seed + k)[:-1]
+        made.append(nodes)
+    return made
+
+
+def _solved(
+    plan: Plan, stage: Stage, members: Sequence[Any], number: int, budget: Budget
+) -> list[Solution]:
+    """A stage of all starts, from where each was after the one before; the last is solved to its
+    end."""
+    problem = plan.problem(stage)
+    nodes = [one.x[1:] if isinstance(one, Solution) else one for one in members]
+    guesses = [own + (problem.start - own[0]) for own in nodes]
+    options = budget.left(f"pushing, stage {number + 1} of {len(STAGES) + 1}") | {"passes": None}
+    if number < len(STAGES):
+        own = replace(options.get("options") or SqpOptions(), hessian="dynamics")
+        options["options"] = early(own) if number + 1 < len(STAGES) else own
+        options["max_iterations"] = min(stage.iterations, options.get("max_iterations", 10**6))
+    made = solve([problem] * len(guesses), start=guesses, **options)
+    LOG.info("stage %d: %s", number + 1, ", ".join(one.status.label for one in made))
+    return [_after(*pair) for pair in zip(members, made, strict=True)]
+
+
+def _after(before: Any, made: Solution) -> Solution:
+    """A start with what it took before too."""
+    if not isinstance(before, Solution):
+        return made
+    sums = {name: getattr(before, name) + getattr(made, name) for name in SUMS}
+    return replace(made, passes=(*before.passes, *made.passes), **sums)
+
+
+def _behind(plan: Plan, best: Solution, budget: Budget) -> Solution:
+    """The push behind the way to where it begins, where the robot is not there yet."""
+    task, base = plan.task, plan.base
+    begin, stands = best.x[1], task.scene.start_pose
+    off = begin[base : base + 2] - stands[base : base + 2]
+    yaw = float(stands[base + 3])
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y = (off @ np.array([[c, -s], [s, c]])).tolist()
+    turn = float(begin[base + 3]) - yaw
+    if np.hypot(x, y) < NEAR * task.length and abs(turn) < NEAR:
+        return best
+    if best.status is Status.INTERRUPTED:
+        return best
+    way = _walk(task, np.array([x, y, turn]), None, budget)
+    nodes = np.tile(begin, (way.steps + 1, 1))
+    nodes[:, : task.robot.nx] = way.x[1:]
+    nodes[:, base : base + 2] += begin[base : base + 2] - way.x[-1, base : base + 2]
+    nodes[:, base + 3] += begin[base + 3] - way.x[-1, base + 3]
+    problem = plan.problem(STAGES[-1])
+    both = np.concatenate([nodes, best.x[2:]])
+    whole = problem.replace(steps=len(both) - 1, x0=both[0], pose=None, displacement=None)
+    raw = evaluated(whole, both, Status.JOINED)
+    lawful = way.converged and best.converged and raw.violation <= JOINT * raw.weight
+    spent: dict[str, Any] = {name: getattr(way, name) + getattr(best, name) for name in SUMS}
+    kept: dict[str, Any] = {name: getattr(best, name) for name in ("seed", "starts", "passes")}
+    return replace(raw, status=Status.JOINED if lawful else Status.STALLED, **kept, **spent)
