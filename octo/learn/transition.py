@@ -175,7 +175,7 @@ class Transition:
         return frame.change(c, c_next) - self.network.value(layers, frame.inputs(c))
 
     def residual_slopes(self, c: Array, c_next: Array) -> tuple[Array, Array]:
-        """:meth:`residual`, and its slopes (…, 2 nx, 4 nx) with respect to (c, c_next).
+        """The :meth:`residual`, and its slopes (…, 2 nx, 4 nx) with respect to (c, c_next).
 
         Parameters
         ----------
