@@ -87,7 +87,7 @@ def solver(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
                 raise KeyboardInterrupt
             return standing(problem, status)
 
-        def picture(solution: Solution, path: Path) -> None:
+        def picture(solution: Solution, path: Path, **options: Any) -> None:
             if not view:
                 raise MissingExtraError("a picture", "view")
             path.write_text("picture")
