@@ -54,6 +54,14 @@ def whole(least: int) -> Callable[[str], int]:
     return convert
 
 
+def numbers_of(word: str) -> tuple[float, ...]:
+    """Numbers with commas between them; none where one of them is no number."""
+    try:
+        return tuple(number(part) for part in word.split(","))
+    except argparse.ArgumentTypeError:
+        return ()
+
+
 def number(word: str) -> float:
     """A finite number, for argparse."""
     value = _float(word)

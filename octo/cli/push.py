@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from octo.checks import one_of
-from octo.cli.arguments import number, solver_options
+from octo.cli.arguments import number, numbers_of, solver_options
 from octo.cli.world import values_of
 from octo.errors import UsageError
 from octo.goals import Goal
@@ -77,10 +77,7 @@ def add_object_argument(parser: argparse.ArgumentParser) -> None:
 def target_of(words: str) -> tuple[str, tuple[float, float]]:
     """The object and the place (x, y) m of ``--goal push BODY X,Y``."""
     body, _, place = words.partition(" ")
-    try:
-        found = tuple(number(part) for part in place.split(","))
-    except argparse.ArgumentTypeError:
-        found = ()
+    found = numbers_of(place)
     if len(found) != 2:
         raise UsageError(
             f"--goal push is followed by {words!r}, must be BODY X,Y: an object and where it gets "

@@ -22,6 +22,7 @@ from octo.cli.arguments import (
     law_of,
     limits_of,
     number,
+    numbers_of,
     pose_of,
     positive,
     robot_of,
@@ -145,10 +146,7 @@ def goal_of(arguments: argparse.Namespace) -> Goal:
 
 def place_of(word: str) -> tuple[float, ...]:
     """m, m and rad of ``--goal to X,Y,YAW``."""
-    try:
-        found = tuple(number(part) for part in word.split(","))
-    except argparse.ArgumentTypeError:
-        found = ()
+    found = numbers_of(word)
     if len(found) != 3:
         raise UsageError(
             f"--goal to is followed by {word!r}, must be X,Y,YAW: m ahead, m to the left, rad to "
