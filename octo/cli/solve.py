@@ -166,7 +166,7 @@ def with_place(words: Sequence[str]) -> list[str]:
             made[-1], left = f"{made[-1]} {word}", left - 1
         else:
             made.append(word)
-            left = 0
+            left = PLACED.get(word.removeprefix("--goal="), 0) if "=" in word else 0
     return made[1:]
 
 

@@ -47,7 +47,9 @@ def tangents_of(nodes: Array, q: int) -> Array:
     band[1, :-1] += (h10**2).sum()
     band[0, 1:] = (h10 * h11).sum()
     right = np.moveaxis(own, -2, 0).reshape(segments, -1)
-    found = np.moveaxis(solveh_banded(band, right).reshape(segments, *batch, n), 0, -2)
+    # LAPACK takes no tridiagonal matrix of one row
+    solved = solveh_banded(band, right) if segments > 1 else right / band[1]
+    found = np.moveaxis(solved.reshape(segments, *batch, n), 0, -2)
     rest -= h11 * found[..., None, :]
     rest[..., 1:, :, :] -= h10 * found[..., :-1, None, :]
     miss = np.abs(rest).max(axis=(-1, -2, -3))
