@@ -52,14 +52,14 @@ def test_native_equals_interpreted(compiled, wiggle, basis, exact):
 @pytest.mark.parametrize("basis", ["nodes", "hermite"])
 @pytest.mark.parametrize("threads", [1, 3])
 def test_a_gradient_is_that_of_the_model(compiled, wiggle, basis, threads):
-    """To the last bit: it is the same code without the squares."""
+    """To rounding: it is the same code without the squares, but compilers contract sums anew."""
     problem = compiled(basis, threads)
     for one in (problem, interpreted(problem)):
         at = one.evaluate(wiggle(one))
         model = one.linearize(at, None)
         b, A = one.gradient(at)
-        np.testing.assert_array_equal(b, model.b)
-        np.testing.assert_array_equal(A, model.A)
+        for found, whole in ((b, model.b), (A, model.A)):
+            np.testing.assert_allclose(found, whole, rtol=0.0, atol=1e-14 * np.abs(whole).max())
 
 
 def test_curvature_of_contacts_for_some_members(compiled, wiggle):
