@@ -128,17 +128,15 @@ def _coefficient(word: str) -> float | None:
         return None
 
 
-def _of_file(arguments: argparse.Namespace) -> Scene:
-    """Robot and objects of an MJCF."""
-    return load_scene(arguments.robot, arguments.base, arguments.contacts)
-
-
 def pushed(robot: Character, goal: Goal, arguments: argparse.Namespace, began: float) -> Solution:
     """The object of the goal, pushed to its place."""
     from octo.push import push
 
     things = [object_of(word) for word in arguments.objects]
-    scene = Scene(robot, things) if things else _of_file(arguments)
+    if things:
+        scene = Scene(robot, things)
+    else:
+        scene = load_scene(arguments.robot, arguments.base, arguments.contacts)
     friction = _coefficient(arguments.friction)
     given: dict[str, Any] = {} if friction is None else {"mu": friction}
     prepared = time.perf_counter() - began

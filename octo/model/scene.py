@@ -178,7 +178,7 @@ def _defaults(whole: Character) -> list[tuple[int, int]]:
     limbs = [k for k in whole.own_contacts if whole.contacts[k].body not in carriers]
     solid = [s for s, item in enumerate(whole.solids) if whole.of_objects[item.body]]
     made = [(k, s) for k in limbs for s in solid]
-    roots, groups = _roots(whole), [mine]
+    roots, groups = whole.roots, [mine]
     members: dict[int, list[int]] = {}
     for b in np.flatnonzero(whole.of_objects).tolist():
         members.setdefault(roots[b], []).append(b)
@@ -189,20 +189,13 @@ def _defaults(whole: Character) -> list[tuple[int, int]]:
     return list(dict.fromkeys(made))
 
 
-def _roots(whole: Character) -> list[int]:
-    found: list[int] = []
-    for b, body in enumerate(whole.bodies):
-        found.append(b if body.parent < 0 else found[body.parent])
-    return found
-
-
 def _both(whole: Character, a: int, b: int) -> list[tuple[int, int]]:
     """The spheres of each body with the solids of the other; of a ball its own sphere alone, which
     is all of it."""
     first, second = _one_way(whole, a, b), _one_way(whole, b, a)
-    if first and second and _is_ball(whole, a):
+    if first and second and is_ball(whole, a):
         return first
-    return second if first and second and _is_ball(whole, b) else first + second
+    return second if first and second and is_ball(whole, b) else first + second
 
 
 def _one_way(whole: Character, a: int, b: int) -> list[tuple[int, int]]:
@@ -211,7 +204,8 @@ def _one_way(whole: Character, a: int, b: int) -> list[tuple[int, int]]:
     return [(k, s) for k in spheres for s in solids]
 
 
-def _is_ball(whole: Character, b: int) -> bool:
+def is_ball(whole: Character, b: int) -> bool:
+    """Whether body ``b`` has no solid that is no sphere."""
     return all(item.kind == "sphere" for item in whole.solids if item.body == b)
 
 

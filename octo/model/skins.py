@@ -48,7 +48,7 @@ def skins(character: Character, visuals: bool = True, most: int = 4000) -> list[
     drawn: list[list[Skin]] = [[] for _ in character.bodies]
     for look in character.looks if visuals else ():
         drawn[look.body] += _drawn(look, most)
-    roots = _roots(character)
+    roots = character.roots
     known = {roots[b] for b, own in enumerate(drawn) if own}
     if len(known) == len(set(roots)):
         return drawn
@@ -56,13 +56,6 @@ def skins(character: Character, visuals: bool = True, most: int = 4000) -> list[
         if roots[b] not in known and surface is not None:
             drawn[b] = [Skin(surface)]
     return drawn
-
-
-def _roots(character: Character) -> list[int]:
-    found: list[int] = []
-    for b, body in enumerate(character.bodies):
-        found.append(b if body.parent < 0 else found[body.parent])
-    return found
 
 
 def _drawn(look: Look, most: int) -> list[Skin]:

@@ -123,6 +123,14 @@ class Tree:
         return np.flatnonzero(moved).astype(np.intp)
 
     @cached_property
+    def roots(self) -> tuple[int, ...]:
+        """(bodies,) the first body of the tree that each is in."""
+        root: list[int] = []
+        for b, body in enumerate(self.bodies):
+            root.append(b if body.parent < 0 else root[body.parent])
+        return tuple(root)
+
+    @cached_property
     def own(self) -> NDArray[np.bool_]:
         """(bodies,) whether a body is the robot's, and neither an object nor the world's.
 
@@ -130,9 +138,7 @@ class Tree:
         (or, where none is, that move), with what they stand on: a door beside an arm moves, but its
         weight is not the arm's.
         """
-        root: list[int] = []
-        for b, body in enumerate(self.bodies):
-            root.append(b if body.parent < 0 else root[body.parent])
+        root = self.roots
         if self.base == "floating":
             kept = {root[self.base_body]} if self.bodies else set()
         else:

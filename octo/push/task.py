@@ -18,7 +18,7 @@ from octo.model.charted import charted
 from octo.model.feet import lowest_contacts, toward
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.quantities import GRAVITY
-from octo.model.scene import Scene
+from octo.model.scene import Scene, is_ball
 from octo.problem import scales
 
 SPEED = 0.22  # √(gℓ), of the way: slow walks have short strides, which stay behind the object
@@ -97,8 +97,7 @@ class Task:
     @property
     def rolls(self) -> bool:
         """Whether the object is a ball."""
-        b = self.scene.body_index(self.body)
-        return all(one.kind == "sphere" for one in self.scene.solids if one.body == b)
+        return is_ball(self.scene, self.scene.body_index(self.body))
 
     @property
     def chart(self) -> Chart:
@@ -150,7 +149,7 @@ def _rolling(scene: Scene, body: str, place: Array) -> tuple[Scene, Character]:
     the middle one is singular at a quarter turn."""
     made = scene.character
     b = made.body_index(body)
-    if not all(one.kind == "sphere" for one in made.solids if one.body == b):
+    if not is_ball(made, b):
         return scene, made
     x, y = np.abs(place - made.start_pose[made.first_joint[b] :][:2])
     of = [k for k, own in enumerate(scene.objects) for one in own.bodies if one.parent < 0]
