@@ -160,7 +160,7 @@ def _add(character: Tree, crowds: list[list[int]], made: Crowds) -> None:
         member += np.where(tree.member < 0, -1, tree.member + first[-1]).tolist()
         start.append(len(skip))
         first.append(first[-1] + len(own))
-    made.sizes.update(NCROWD=len(crowds), NMEMBER=first[-1])
+    made.sizes.update(NCROWD=len(crowds), NMEMBER=first[-1], NENTRY=start[-1])
     named = {"body": made.bodies, "start": start, "first": first, "skip": skip, "member": member}
     made.integers.update({f"crowd_{name}": own for name, own in named.items()})
     made.numbers["crowd_sphere"] = np.concatenate(spheres)

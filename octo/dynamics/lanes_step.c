@@ -17,6 +17,7 @@ typedef struct {
 #if NCROWD > 0
   unsigned char members[NMEMBER]; /* of each member of a crowd the same, a bit for each lane */
   int evaluated; /* steps */
+  octo_crowd_fronts fronts; /* of the groups before, x_next */
 #endif
   octo_adder *adder; void *adds; /* or NULL, and what it gets as ``from`` */
   octo_loops pairs;
@@ -34,6 +35,7 @@ static inline void octo_work_begin(octo_work *s) {
   s->adder = 0;
 #if NCROWD > 0
   s->evaluated = 0;
+  octo_crowd_forget(&s->fronts);
 #endif
 }
 
@@ -88,7 +90,7 @@ static void octo_composite(const octo_input *in, octo_work *s, int l) {
   for (int q = 0; q < NCROWD; ++q) {
     octo_touch_blocks *k = &s->touch;
     if (octo_contact_link[NC + NEND + q] != l) continue;
-    octo_crowd(in, q, V, k, s->members);
+    octo_crowd(in, q, V, k, s->members, &s->fronts);
     if (!ANY(k->active)) continue;
     octo_add(order == 0 ? 6 : 78, k->W, to->W);
     if (order == 2) { octo_add(72, k->T[0], to->T[0]); octo_add(36, k->L, to->L[0]); }

@@ -264,7 +264,7 @@ static void octo_step(const double *x_next, const double *x, const double *x_pre
   EACH_FROM(32, c, NC) octo_contact(&in, c, s->V[octo_link_last[octo_contact_link[c]]], &s->touch[c]);
 #endif
 #if NCROWD > 0
-  EACH_FROM(96, q, NCROWD) octo_crowd(&in, q, s->V[octo_link_last[octo_contact_link[NC + NEND + q]]], &s->touch[NC + NEND + q], 0);
+  EACH_FROM(96, q, NCROWD) octo_crowd(&in, q, s->V[octo_link_last[octo_contact_link[NC + NEND + q]]], &s->touch[NC + NEND + q], 0, 0);
 #endif
   EACH_FROM(64, j, NX) octo_joint(&in, j, s->joint[j]);
 #if NELEMENT > 0

@@ -70,13 +70,13 @@ def stone(count, tail=0, radius=0.0):
     return octo.Character("stone", tuple(bodies), tuple(spheres))
 
 
-def nodes_of(n, count, height=0.11, step=0.01):
-    """(1, count, n) of a body that tumbles in and out of the ground."""
+def nodes_of(n, count, height=0.11, step=0.01, period=18.8):
+    """(1, count, n) of a body that tumbles out of the ground and into it, in ``period`` nodes."""
     rng = np.random.default_rng(1)
     nodes = np.zeros((1, count, n))
     nodes[0, :, :3] = np.cumsum(rng.normal(0.0, step, (count, 3)), axis=0)
     nodes[0, :, 3:] = np.cumsum(rng.normal(0.0, 10.0 * step, (count, n - 3)), axis=0)
-    nodes[0, :, 2] += height + 0.04 * np.sin(np.arange(count) / 3.0)
+    nodes[0, :, 2] += height + 0.04 * np.sin(2.0 * np.pi / period * np.arange(count))
     return nodes
 
 
@@ -114,20 +114,24 @@ def test_few_contacts_are_no_crowd():
 
 @pytest.mark.parametrize("ground", grounds())
 def test_five_thousand_are_all_of_them(ground, monkeypatch):
-    """FD, its Jacobian and curvature, of several steps in lanes and of one after the other."""
-    terrain, nodes = grounds()[ground], nodes_of(7, 21)
-    lam = np.random.default_rng(2).standard_normal((1, 19, 7))
+    """FD, its Jacobian and curvature, of several steps in lanes and of one after the other: of a
+    body that tumbles, and of one that slowly sinks."""
+    terrain, rng = grounds()[ground], np.random.default_rng(2)
+    motions = [nodes_of(7, 21), nodes_of(7, 34, 0.14, step=5e-4, period=-136.0)]
+    each = [(nodes, rng.standard_normal((1, nodes.shape[1] - 2, 7))) for nodes in motions]
     made = RobotDynamics(stone(5000, 40, 0.002), terrain=terrain)
     p = made.bound(made.layout.pack()[None])
-    found = made.evaluate(nodes, p, lam, order=2)
-    scalar = one_by_one(made, nodes, p, lam, 2)
+    found = [made.evaluate(nodes, p, lam, order=2) for nodes, lam in each]
+    scalar = [one_by_one(made, nodes, p, lam, 2) for nodes, lam in each]
     monkeypatch.setattr(crowd, "FEW", ALL)
     whole = RobotDynamics(stone(5000, 40, 0.002), terrain=terrain)
-    expected = whole.evaluate(nodes, p, lam, order=2)
-    assert np.abs(expected[0]).max() > 100.0 * 20.0 and "octo_crowd_start" not in whole.text()
-    for got, other, wanted in zip(found, scalar, expected, strict=True):
-        close(got, wanted)
-        close(other, wanted)
+    expected = [whole.evaluate(nodes, p, lam, order=2) for nodes, lam in each]
+    assert "octo_crowd_start" in made.text() and "octo_crowd_start" not in whole.text()
+    for own, single, wanted in zip(found, scalar, expected, strict=True):
+        assert np.abs(wanted[0]).max() > 100.0 * 20.0
+        for got, other, number in zip(own, single, wanted, strict=True):
+            close(got, number)
+            close(other, number)
 
 
 @pytest.mark.parametrize("ground", grounds())
