@@ -2,12 +2,13 @@
 
 The coefficients near the surface are those of the coarse lattice's spline plus corrections, which
 are zero outside of the band |φ| ≤ BAND cells. So the spline passes through every sample of the band
-and into the coarse one without a seam.
+and into the coarse one without a seam. Around sharp edges it is corrected once more (edges.py).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,10 +31,21 @@ WITHIN = np.arange(BRICK) - BEYOND  # samples of a brick, from the one at its fi
 AROUND = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Of bricks (n, 3) with samples in the band: (n, 8, 8, 8) which ones are in it, and their
+    distances, m."""
+
+    bricks: Indices
+    active: Mask
+    values: Array
+
+
 def near_surface(
     distance: Distance, low: Array, high: Array, cell: float, progress: Progress
-) -> Lattice:
-    """The grid of a signed distance over at least the box from ``low`` to ``high``, (3,) m.
+) -> tuple[Lattice, Band]:
+    """The grid of a signed distance over at least the box from ``low`` to ``high``, (3,) m, and the
+    samples that it was made of.
 
     ``distance`` must not change by more than the way between two points.
     """
@@ -45,23 +57,18 @@ def near_surface(
     coarse = spline.coefficients(samples)
     candidates = np.argwhere(np.abs(samples[::2, ::2, ::2]) <= (BAND + FARTHEST) * cell)
     core, active, values = _sampled(distance, candidates, samples, low, cell, progress)
-    stored = np.argwhere(_stored(core, active, count))
-    places = _places(stored, count)
-    bricks = np.concatenate([_of_coarse(coarse, one, _refinement()) for one in _chunks(stored)])
-    of_coarse = np.concatenate([_of_coarse(coarse, one, _values()) for one in _chunks(core)])
-    residual = np.where(active, values - of_coarse, 0.0)
-    bricks[places[tuple(core.T)]] += _corrections(residual, active, _neighbours(core, count))
-    return Lattice(size, cell, low, places, bricks, coarse)
-
-
-def _chunks(bricks: Indices) -> Iterator[Indices]:
-    yield from (bricks[k : k + CHUNK] for k in range(0, max(len(bricks), 1), CHUNK))
-
-
-def _places(bricks: Indices, count: Indices) -> Indices:
+    stored = stored_of(core, active, count)
     places = np.full(tuple(count), -1)
-    places[tuple(bricks.T)] = np.arange(len(bricks))
-    return places
+    places[tuple(stored.T)] = np.arange(len(stored))
+    bricks = np.concatenate([of_coarse(coarse, one, refinement()) for one in chunks(stored)])
+    through = np.concatenate([of_coarse(coarse, one, values_of()) for one in chunks(core)])
+    residual = np.where(active, values - through, 0.0)
+    bricks[places[tuple(core.T)]] += corrections(residual, active, core, count)
+    return Lattice(size, cell, low, places, bricks, coarse), Band(core, active, values)
+
+
+def chunks(bricks: Indices) -> Iterator[Indices]:
+    yield from (bricks[k : k + CHUNK] for k in range(0, max(len(bricks), 1), CHUNK))
 
 
 def _sampled(
@@ -72,7 +79,7 @@ def _sampled(
     size = RATIO * (np.array(coarse.shape) - 1) + 1
     grid = np.stack(np.meshgrid(WITHIN, WITHIN, WITHIN, indexing="ij"), axis=-1)
     core, active, values = [], [], []
-    for k, chunk in enumerate(_chunks(bricks)):
+    for k, chunk in enumerate(chunks(bricks)):
         index = BRICK * chunk[:, None, None, None, :] + grid
         # the spline stays natural at the edges of the lattice
         inner = ((index >= REACH) & (index < size - REACH)).all(axis=-1)
@@ -89,19 +96,25 @@ def _sampled(
     return np.concatenate(core), np.concatenate(active), np.concatenate(values)
 
 
-def _stored(core: Indices, active: Mask, count: Indices) -> Mask:
-    """(bx, by, bz) which bricks have a coefficient in one cell with an active one."""
-    kept = np.zeros(tuple(count), dtype=bool)
+def keys(bricks: Indices, count: Indices) -> Indices:
+    """One number (n,) of each brick (n, 3), in the order of the rows; next to the lattice too."""
+    x, y, z = (bricks + 1).T
+    return np.asarray((x * (count[1] + 2) + y) * (count[2] + 2) + z)
+
+
+def stored_of(core: Indices, active: Mask, count: Indices) -> Indices:
+    """The bricks (n, 3), in order, that have a coefficient in one cell with an active one."""
     part = {-1: slice(0, REACH), 0: slice(None), 1: slice(BRICK - REACH, None)}
+    found = []
     for step in AROUND:
         x, y, z = (part[int(k)] for k in step)
         to = core[active[:, x, y, z].any(axis=(1, 2, 3))] + step
-        to = to[((to >= 0) & (to < count)).all(axis=1)]
-        kept[tuple(to.T)] = True
-    return kept
+        found.append(to[((to >= 0) & (to < count)).all(axis=1)])
+    each = np.concatenate(found)
+    return each[np.unique(keys(each, count), return_index=True)[1]]
 
 
-def _refinement() -> Array:
+def refinement() -> Array:
     """(8, 6): coefficients of the fine lattice from those of the coarse one, along one axis."""
     box = np.ones(RATIO)
     mask = np.convolve(np.convolve(box, box), np.convolve(box, box)) / RATIO**3
@@ -110,37 +123,49 @@ def _refinement() -> Array:
     return np.where(inside, mask[np.clip(apart, 0, len(mask) - 1)], 0.0)
 
 
-def _values() -> Array:
+def values_of() -> Array:
     """(8, 6): what the coarse spline is at the samples of the fine lattice, along one axis."""
     apart = np.abs(WITHIN[:, None] / RATIO - (np.arange(WIDTH) - BEYOND))
     near = 2.0 / 3.0 + (0.5 * apart - 1.0) * apart**2
     return np.where(apart < 1.0, near, np.maximum(2.0 - apart, 0.0) ** 3 / 6.0)
 
 
-def _of_coarse(coarse: Array, bricks: Indices, matrix: Array) -> Array:
+def of_coarse(coarse: Array, bricks: Indices, matrix: Array) -> Array:
     """(n, 8, 8, 8) of bricks (n, 3) from the coarse coefficients, by a matrix along each axis."""
     last = np.array(coarse.shape) - 1  # beyond it no sample needs one
     x, y, z = (np.minimum(2 * bricks[:, k, None] + np.arange(WIDTH), last[k]) for k in range(3))
-    around = coarse[x[:, :, None, None], y[:, None, :, None], z[:, None, None, :]]
+    return of_around(coarse[x[:, :, None, None], y[:, None, :, None], z[:, None, None, :]], matrix)
+
+
+def of_around(around: Array, matrix: Array) -> Array:
+    """(n, 8, 8, 8) of the coarse coefficients (n, 6, 6, 6) around each brick, in the same way."""
     for _ in range(3):  # the axis that was last comes first
         around = np.moveaxis(around @ matrix.T, -1, 1)
     return np.ascontiguousarray(around)
 
 
 def _neighbours(core: Indices, count: Indices) -> Indices:
-    """(27, n) places of the bricks around each one; a brick that is not there has the place n."""
-    places = np.pad(_places(core, count), 1, constant_values=-1)
-    found = np.stack([places[tuple((core + 1 + step).T)] for step in AROUND])
-    return np.where(found < 0, len(core), found)
+    """(27, n) places of the bricks around each one, which are in order; a brick that is not there
+    has the place n."""
+    own = keys(core, count)
+    found = []
+    for step in AROUND:
+        wanted = keys(core + step, count)
+        at = np.minimum(np.searchsorted(own, wanted), len(own) - 1)
+        found.append(np.where(own[at] == wanted, at, len(own)))
+    return np.stack(found)
 
 
-def _corrections(residual: Array, active: Mask, near: Indices) -> Array:
-    """Active coefficients (n, 8, 8, 8) of a spline that is ``residual`` at the active samples, by
-    conjugate gradients: the matrix is symmetric, its condition at most 27."""
+def corrections(
+    residual: Array, active: Mask, core: Indices, count: Indices, exact: float = EXACT
+) -> Array:
+    """Active coefficients (n, 8, 8, 8) of a spline that is ``residual`` at the active samples of
+    bricks (n, 3), by conjugate gradients: the matrix is symmetric, its condition at most 27."""
+    near = _neighbours(core, count)
     found = np.zeros_like(residual)
     direction = np.concatenate([residual, np.zeros((1, *residual.shape[1:]))])
     rest, left = residual.copy(), float(np.vdot(residual, residual))
-    goal = EXACT**2 * left
+    goal = exact**2 * left
     while left > goal:
         product = _at_samples(direction, near) * active
         step = left / float(np.vdot(direction[:-1], product))
@@ -158,7 +183,7 @@ def _at_samples(coefficients: Array, near: Indices) -> Array:
     to = {-1: slice(0, 1), 0: slice(1, -1), 1: slice(-1, None)}
     source = {-1: slice(-1, None), 0: slice(None), 1: slice(0, 1)}
     found = []
-    for chunk in _chunks(near.T):
+    for chunk in chunks(near.T):
         around = np.empty((len(chunk), *[BRICK + 2] * 3))
         for step, places in zip(AROUND, chunk.T, strict=True):
             x, y, z = map(int, step)

@@ -15,13 +15,16 @@ from octo.checks import Array
 from octo.errors import RobotFileError
 from octo.files import reason
 from octo.world.bricks import near_surface
+from octo.world.edges import around_edges
 from octo.world.lattice import RATIO
 from octo.world.spline import Indices
-from octo.world.surface import library, surface_of
+from octo.world.surface import Surface, library, surface_of
 
 LOG = logging.getLogger("octo")
-VERSION = 1  # of how grids are made: what was kept by another one is made anew
+VERSION = 2  # of how grids are made: what was kept by another one is made anew
 MARGIN = 10.0  # cells around a mesh: the band of samples, and three more
+PER_EDGE, SHARP = 9000.0, 2000.0  # doubles
+TURN = 0.5  # between the normals of faces at a sharp edge: an angle of 29°
 THIN, SHARE = 1.5, 0.01  # cells of a wall, and of the surface that such walls are worth a warning
 
 
@@ -65,12 +68,14 @@ class Line:
 
 
 def doubles_for(vertices: Array, faces: Indices, cell: float) -> float:
-    """About how many numbers the grid of a mesh is made in: 10 to a coarse sample, and to a
-    square of a cell on the surface 22 coefficients and 4 as many while they are found."""
+    """About how many numbers the grid of a mesh is made in: 10 to a coarse sample, to a square of a
+    cell on the surface 22 coefficients and 4 as many while they are found, and in the same way
+    PER_EDGE to a cell along a sharp edge, but no more than all of the surface would take."""
     coarse = np.prod((np.ptp(vertices, axis=0) / cell + 2.0 * MARGIN) / RATIO)
     a, b, c = vertices[faces.T]
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
-    return float(10.0 * coarse + 110.0 * area / cell**2)
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / cell**2
+    edges = PER_EDGE * len(Surface(vertices, faces).sharp(TURN, cell))
+    return float(10.0 * coarse + 110.0 * area + min(edges, SHARP * area))
 
 
 def grid(label: str, vertices: Array, faces: Indices, cell: float) -> Array:
@@ -98,7 +103,12 @@ def _grid(label: str, vertices: Array, faces: Indices, cell: float) -> Array:
     line = Line(f"distances to {label}, {len(faces)} faces")
     surface = surface_of(vertices, faces)
     low, high = vertices.min(axis=0) - MARGIN * cell, vertices.max(axis=0) + MARGIN * cell
-    made = near_surface(surface.distance, low, high, cell, line)
+    made, band = near_surface(surface.distance, low, high, cell, lambda part: line(0.5 * part))
+    edges = surface.sharp(TURN, cell)
+    if len(edges):
+        made = around_edges(
+            made, band, surface.distance, edges, lambda part: line(0.5 + 0.5 * part)
+        )
     own = made.numbers()
     samples = " × ".join(str(n) for n in made.size)
     line.end(f"{samples} samples, cell {cell:g} m, {1e-6 * own.nbytes:.0f} MB")

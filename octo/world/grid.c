@@ -1,24 +1,37 @@
-/* A grid of signed distances in bricks of 8 x 8 x 8 coefficients, with a coarse grid where there are none.
+/* A grid of signed distances in bricks of 8 x 8 x 8 coefficients, with a coarse grid where there are none and, around sharp edges,
+   parts: bricks of a grid of a quarter of the cell, 4 x 4 x 4 in the place of one.
    own: size_x size_y size_z 1/cell x y z bricks_x bricks_y bricks_z coarse_x coarse_y coarse_z
-   coarse_place | table of the bricks' places, 0: no brick | coarse coefficients | bricks. */
+   coarse_place | table, of each brick its place, and that of the table of its parts' places; 0: there is none | tables of parts |
+   coarse coefficients | bricks | parts. */
 typedef struct {
   const double *row[4][4], *next[4][4]; /* of x and y: where the four coefficients along z are in one brick and in the next one */
   int count;                            /* how many of the four are in the first */
 } octo_world_rows;
 
-/* Where a cell's coefficients are in bricks; 0: one of them is missing. */
-static int octo_world_in_bricks(const double *own, const int *first, octo_world_rows *rows) {
-  const size_t y_bricks = (size_t)own[8], z_bricks = (size_t)own[9];
+/* The entry of a brick by its number along each axis. */
+static inline const double *octo_world_entry(const double *own, int x, int y, int z) {
+  return own + 14 + 2 * ((x * (long long)own[8] + y) * (long long)own[9] + z);
+}
+
+/* The place of a brick, or of a part; 0: there is none. A signed number is made of a double in one instruction. */
+static inline long long octo_world_brick(const double *own, int parts, int x, int y, int z) {
+  if (!parts) return (long long)octo_world_entry(own, x, y, z)[0];
+  const long long table = (long long)octo_world_entry(own, x >> 2, y >> 2, z >> 2)[1];
+  return table == 0 ? 0 : (long long)own[table + 16 * (x & 3) + 4 * (y & 3) + (z & 3)];
+}
+
+/* Where a cell's coefficients are in bricks, or in parts; 0: one of them is missing. */
+static inline int octo_world_in_bricks(const double *own, int parts, const int *first, octo_world_rows *rows) {
   const int x = first[0] & 7, y = first[1] & 7, z = first[2] & 7, beyond = z > 4;
-  const double *entry = own + 14 + (((size_t)first[0] >> 3) * y_bricks + ((size_t)first[1] >> 3)) * z_bricks + ((size_t)first[2] >> 3);
   const double *low[4], *high[4];
   for (int a = 0; a <= (x > 4); a++)
     for (int b = 0; b <= (y > 4); b++) {
-      const double *at = entry + (a * y_bricks + b) * z_bricks;
-      const double one = at[0], other = at[beyond];
-      if (one == 0.0 || other == 0.0) return 0;
-      low[2 * a + b] = own + (size_t)one + z;
-      high[2 * a + b] = own + (size_t)other + z - 8 * beyond;
+      const int along[3] = {(first[0] >> 3) + a, (first[1] >> 3) + b, first[2] >> 3};
+      const long long one = octo_world_brick(own, parts, along[0], along[1], along[2]);
+      const long long other = beyond ? octo_world_brick(own, parts, along[0], along[1], along[2] + 1) : one;
+      if (one == 0 || other == 0) return 0;
+      low[2 * a + b] = own + one + z;
+      high[2 * a + b] = own + other + z - 8 * beyond;
     }
   for (int a = 0; a < 4; a++)
     for (int b = 0; b < 4; b++) {
@@ -83,6 +96,30 @@ static inline void octo_world_sums(const octo_world_rows *rows, const octo_world
   }
 }
 
+/* Whether a cell's quarter around a place is in parts, and then where, with the place in it. One whose coefficients are has a part
+ * in the brick of the cell's first one. */
+static inline int octo_world_in_parts(const double *own, int inside, const int *first, double *t, octo_world_rows *rows) {
+  if (octo_world_entry(own, first[0] >> 3, first[1] >> 3, first[2] >> 3)[1] == 0.0 || !inside) return 0;
+  int quarter[3], from[3];
+  for (int axis = 0; axis < 3; axis++) {
+    quarter[axis] = (int)(4.0 * t[axis]);
+    from[axis] = 4 * first[axis] - 3 + quarter[axis];
+  }
+  if (!octo_world_in_bricks(own, 1, from, rows)) return 0;
+  for (int axis = 0; axis < 3; axis++) t[axis] = 4.0 * t[axis] - quarter[axis];
+  return 1;
+}
+
+/* The first of a cell's four coefficients along each axis, and the place in the cell, on a lattice of ``scale`` cells in one. */
+static inline void octo_world_taps(const double *at, double scale, const double *size, int *first, double *t) {
+  for (int axis = 0; axis < 3; axis++) {
+    const double place = scale * at[axis];
+    const int cell = octo_world_cell(place, size[axis]);
+    t[axis] = place - cell;
+    first[axis] = cell + 1;
+  }
+}
+
 static void octo_world_grid(const double *own, const double *point, int order, double *jet) {
   octo_world_four weights[16];
   octo_world_rows rows;
@@ -96,19 +133,11 @@ static void octo_world_grid(const double *own, const double *point, int order, d
     octo_world_image(u[axis], own[axis], image[axis]);
     at[axis] = image[axis][0];
   }
-  for (int axis = 0; axis < 3; axis++) {
-    const int cell = octo_world_cell(at[axis], own[axis]);
-    t[axis] = at[axis] - cell;
-    first[axis] = cell + 1;
-  }
-  if (!octo_world_in_bricks(own, first, &rows)) {
+  octo_world_taps(at, 1.0, own, first, t);
+  if (octo_world_in_parts(own, inside, first, t, &rows)) inverse *= 4.0;
+  else if (!octo_world_in_bricks(own, 0, first, &rows)) {
     inverse *= 0.25;
-    for (int axis = 0; axis < 3; axis++) {
-      const double coarse = 0.25 * at[axis];
-      const int cell = octo_world_cell(coarse, own[10 + axis]);
-      t[axis] = coarse - cell;
-      first[axis] = cell + 1;
-    }
+    octo_world_taps(at, 0.25, own + 10, first, t);
     octo_world_in_coarse(own, first, &rows);
   }
   const octo_world_four place = {t[0], t[1], t[2], 0.0};

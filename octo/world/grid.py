@@ -32,9 +32,9 @@ class DistanceGrid(Shape):
 
     φ passes through the samples and is twice continuously differentiable everywhere. Where a
     distance has a kink (in front of an inner edge, and at the surface's own edges) φ is rounded
-    over two cells to each side, by less than a fifth of one. Outside of the grid it is what it is
-    at the nearest point of the grid, plus the way there along the axes: what is solid at a side of
-    the grid ends there, with a slope of 45°.
+    over two cells to each side, by less than a quarter of one, and a third at corners. Outside of
+    the grid it is what it is at the nearest point of the grid, plus the way there along the axes:
+    what is solid at a side of the grid ends there, with a slope of 45°.
 
     Parameters
     ----------

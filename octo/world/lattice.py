@@ -3,8 +3,9 @@
 The spline's coefficients stand in bricks of 8 × 8 × 8; only bricks near the surface are kept. The
 spline of a coarse lattice, of four times the cell, is a spline of the fine lattice too: away from
 the surface all its coefficients are those, and what stands in bricks passes into it without a
-seam. A cell of which a brick is missing is therefore looked up in the coarse lattice, and a look-up
-costs one spline either way.
+seam. A cell of which a brick is missing is therefore looked up in the coarse lattice. In the same
+way there are, around sharp edges, bricks of a lattice of a quarter of the cell. A look-up costs one
+spline in all of them.
 """
 
 from __future__ import annotations
@@ -19,8 +20,25 @@ from octo.world.jet import AXES, SIZES
 from octo.world.spline import BEYOND, Indices, Mask
 
 BRICK = 8  # coefficients along an edge of a brick
-RATIO = 4  # coarse cells in fine ones
+RATIO = 4  # coarse cells in fine ones, and those in cells around edges
+PARTS = RATIO**3  # bricks around edges in the place of one
 HEAD = 14  # numbers before the table
+
+
+@dataclass(frozen=True, eq=False)
+class Split:
+    """What stands around sharp edges, in a lattice of a quarter of the cell.
+
+    Attributes
+    ----------
+    bricks: (m, 3) of the lattice, those that are divided.
+    places: (m, 64) index of each of their parts, −1 where there is none.
+    parts: (number, 8, 8, 8) m, coefficients.
+    """
+
+    bricks: Indices
+    places: Indices
+    parts: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +55,7 @@ class Lattice:
     bricks: (number, 8, 8, 8) m, coefficients.
     coarse: (cx + 4, cy + 4, cz + 4) m, coefficients of the coarse lattice; None where no brick is
         missing.
+    split: around sharp edges; None where there is nothing of the kind.
     """
 
     size: Indices
@@ -45,17 +64,29 @@ class Lattice:
     places: Indices
     bricks: Array
     coarse: Array | None = None
+    split: Split | None = None
 
     def numbers(self) -> Array:
         """The flat array (size,)."""
         coarse = np.zeros((0, 0, 0)) if self.coarse is None else self.coarse
         samples = np.array(coarse.shape) - 2 * BEYOND
-        first = HEAD + self.places.size
+        split = Split(np.empty((0, 3), np.int64), np.empty((0, PARTS), np.int64), np.empty(0))
+        split = self.split or split
+        second = HEAD + 2 * self.places.size
+        first = second + split.places.size
         start = first + coarse.size
-        table = np.where(self.places < 0, 0.0, start + float(BRICK**3) * self.places)
+        table = np.zeros((*self.places.shape, 2))
+        table[..., 0] = _addresses(self.places, start)
+        table[(*split.bricks.T, 1)] = second + float(PARTS) * np.arange(len(split.bricks))
+        places = _addresses(split.places, start + self.bricks.size)
         head = [*self.size, 1.0 / self.cell, *self.corner, *self.places.shape, *samples, first]
-        parts = [head, table.ravel(), coarse.ravel(), self.bricks.ravel()]
-        return np.concatenate([np.asarray(part, dtype=float) for part in parts])
+        parts = [head, table, places, coarse, self.bricks, split.parts]
+        return np.concatenate([np.asarray(part, dtype=float).ravel() for part in parts])
+
+
+def _addresses(places: Indices, start: int) -> Array:
+    """Where bricks of these indices stand; 0 where there is none."""
+    return np.asarray(np.where(places < 0, 0.0, start + float(BRICK**3) * places))
 
 
 def bricks_of(size: Indices) -> Indices:
@@ -79,16 +110,23 @@ def jets(own: Array, points: Array, order: int) -> Array:
     size, inverse, corner = own[:3], own[3], own[4:7]
     places = (points - corner) * inverse
     images = [spline.images(places[:, axis], size[axis]) for axis in range(3)]
-    found = [spline.weights(images[axis], size[axis], inverse) for axis in range(3)]
-    around, whole = _in_bricks(own, [index for index, _ in found])
-    weights = [weight for _, weight in found]
-    if not whole.all():
-        rest = ~whole
-        scaled = [image[rest] / RATIO for image in images]
-        coarse = [spline.weights(scaled[k], own[10 + k], inverse) for k in range(3)]
-        around[rest] = _in_coarse(own, [index for index, _ in coarse])
-        for weight, (_, other) in zip(weights, coarse, strict=True):
-            weight[rest] = other
+    around, weights = np.empty((len(points), 4, 4, 4)), np.empty((3, len(points), 4, 4))
+    rest = np.arange(len(points))
+    fine = RATIO * (size - 1.0) + 1.0
+    levels = (
+        (RATIO, fine, _in_parts),
+        (1.0, size, _in_bricks),
+        (1 / RATIO, own[10:13], _in_coarse),
+    )
+    for scale, samples, look in levels:
+        taps = [spline.weights(scale * images[k][rest], samples[k], inverse) for k in range(3)]
+        found, whole = look(own, [first for first, _ in taps])
+        around[rest[whole]] = found[whole]
+        for axis, (_, weight) in enumerate(taps):
+            weights[axis, rest[whole]] = weight[whole]
+        rest = rest[~whole]
+        if not len(rest):
+            break
     table = np.einsum("kabc,kaf,kbe,kcd->kfed", around, *weights, optimize=True)
     powers = [tuple(axes.count(axis) for axis in range(3)) for axes in AXES[: SIZES[order]]]
     jet = np.stack([table[:, f, e, d] for f, e, d in powers], axis=1)
@@ -102,22 +140,44 @@ def jets(own: Array, points: Array, order: int) -> Array:
     return jet
 
 
-def _in_bricks(own: Array, first: list[Indices]) -> tuple[Array, Mask]:
-    """Coefficients (k, 4, 4, 4) from where they are stored, and (k,) whether all of them are."""
-    count = own[7:10].astype(np.int64)
+def _bricks(first: list[Indices]) -> tuple[list[Indices], list[Indices]]:
+    """Of the 4 × 4 × 4 coefficients from ``first`` on: their bricks, and where they are in them."""
     taps = [index[:, None] + np.arange(4) for index in first]
-    x, y, z = (tap // BRICK for tap in taps)
-    x, y = x[:, :, None, None], y[:, None, :, None]
-    place = own[HEAD + (x * count[1] + y) * count[2] + z[:, None, None, :]].astype(np.int64)
-    x, y, z = (tap % BRICK for tap in taps)
-    x, y = x[:, :, None, None], y[:, None, :, None]
-    values = own[place + (x * BRICK + y) * BRICK + z[:, None, None, :]]
+    shaped = [taps[0][:, :, None, None], taps[1][:, None, :, None], taps[2][:, None, None, :]]
+    return [tap // BRICK for tap in shaped], [tap % BRICK for tap in shaped]
+
+
+def _entries(own: Array, bricks: list[Indices], kind: int) -> Array:
+    """Of the table: the places of bricks, or, of kind 1, of the tables of their parts."""
+    count = own[7:10].astype(np.int64)
+    x, y, z = bricks
+    return np.asarray(own[HEAD + 2 * ((x * count[1] + y) * count[2] + z) + kind])
+
+
+def _coefficients(own: Array, place: Array, within: list[Indices]) -> tuple[Array, Mask]:
+    """Coefficients (k, 4, 4, 4) from where they are stored, and (k,) whether all of them are."""
+    x, y, z = within
+    values = own[place.astype(np.int64) + (x * BRICK + y) * BRICK + z]
     return values, np.asarray((place > 0).all(axis=(1, 2, 3)))
 
 
-def _in_coarse(own: Array, first: list[Indices]) -> Array:
+def _in_bricks(own: Array, first: list[Indices]) -> tuple[Array, Mask]:
+    bricks, within = _bricks(first)
+    return _coefficients(own, _entries(own, bricks, 0), within)
+
+
+def _in_parts(own: Array, first: list[Indices]) -> tuple[Array, Mask]:
+    bricks, within = _bricks(first)
+    table = _entries(own, [brick // RATIO for brick in bricks], 1)
+    x, y, z = (brick % RATIO for brick in bricks)
+    place = own[table.astype(np.int64) + (x * RATIO + y) * RATIO + z]
+    return _coefficients(own, np.where(table > 0.0, place, 0.0), within)
+
+
+def _in_coarse(own: Array, first: list[Indices]) -> tuple[Array, Mask]:
     shape = own[10:13].astype(np.int64) + 2 * BEYOND
     start = int(own[13])
     table = own[start : start + int(np.prod(shape))].reshape(shape)
     x, y, z = (index[:, None] + np.arange(4) for index in first)
-    return np.asarray(table[x[:, :, None, None], y[:, None, :, None], z[:, None, None, :]])
+    found = table[x[:, :, None, None], y[:, None, :, None], z[:, None, None, :]]
+    return np.asarray(found), np.ones(len(found), dtype=bool)

@@ -25,18 +25,19 @@ MERGED = 1e-7  # of its longest edge: vertices so near to each other are one (ST
 FLAT = 1e-9  # of the cube of its longest edge: a volume that is none
 FINE = 0.02  # m: the largest cell that is not given, and how many there are along the longest edge
 CELLS = 200
-MOST = 1e8  # doubles that a grid is made in, of a cell that is not given: 0.8 GB
+MOST = 2.5e8  # doubles that a grid is made in, of a cell that is not given: 2 GB
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh(Shape):
     """A closed triangle mesh: φ is the spline of a grid of signed distances.
 
-    Every sample within four cells of the surface is kept, and every fourth one elsewhere, so that
-    it takes memory in proportion to its surface. Edges are rounded over two cells, by less than a
-    fifth of one, and walls thinner than one and a half cells are thinned or lost, which is warned
-    of. The grid is made by libigl when it is first needed, and kept in octo's cache. Parts that
-    overlap or touch are a union, and parts within others whose faces look inwards are cavities.
+    Every sample within four cells of the surface is kept, every fourth one elsewhere, and around
+    sharp edges those of a quarter of the cell, so that it takes memory in proportion to its surface
+    and to the length of its edges. Edges and corners are rounded by less than a tenth of a cell,
+    and walls thinner than one and a half cells are thinned or lost, which is warned of. The grid is
+    made by libigl when it is first needed, and kept in octo's cache. Parts that overlap or touch
+    are a union, and parts within others whose faces look inwards are cavities.
 
     Parameters
     ----------

@@ -64,6 +64,23 @@ class Surface:
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
         return Surface(self.vertices + way * normals, self.faces)
 
+    def sharp(self, turn: float, apart: float) -> Array:
+        """Points (k, 3) m along its edges, ``apart`` m from one another or less, at which the
+        normals of faces differ by more than ``turn``."""
+        edges, which, _ = edges_of(self.faces)
+        a, b, c = self.vertices[self.faces.T]
+        normals = np.cross(b - a, c - a)
+        areas = np.linalg.norm(normals, axis=1)
+        normals /= np.maximum(areas, 1e-300)[:, None]
+        face = np.repeat(np.arange(len(self.faces)), 3)
+        number = np.maximum(np.bincount(which, areas[face] > 0.0), 1.0)
+        mean = [np.bincount(which, normals[face, axis]) / number for axis in range(3)]
+        start, end = self.vertices[edges[np.square(mean).sum(axis=0) < 1.0 - 0.25 * turn**2].T]
+        pieces = np.ceil(np.linalg.norm(end - start, axis=1) / apart).astype(np.int64)
+        k = np.repeat(np.arange(len(pieces)), pieces + 1)
+        step = np.arange(len(k)) - np.repeat(np.cumsum(pieces + 1) - pieces - 1, pieces + 1)
+        return np.asarray(start[k] + (step / np.maximum(pieces[k], 1))[:, None] * (end - start)[k])
+
     def thin(self, width: float) -> float:
         """How much of it are walls thinner than ``width`` m, 0 to 1."""
         igl = library("igl", "a mesh as a shape")

@@ -48,6 +48,13 @@ def torus(points: Array) -> Array:
     return np.asarray(np.hypot(ring, points[:, 2]) - 0.15)
 
 
+def block(points: Array) -> Array:
+    """The same of a cube of 0.4 m."""
+    away = np.abs(points) - 0.2
+    beyond = np.linalg.norm(np.maximum(away, 0.0), axis=1)
+    return np.asarray(beyond + np.minimum(away.max(axis=1), 0.0))
+
+
 RISE, RUN, STEPS, WIDTH = 0.15, 0.3, 20, 3.0  # m, of the stairs of a building
 
 

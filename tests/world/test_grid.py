@@ -12,11 +12,12 @@ from octo.checks import Array
 from octo.errors import ShapeError, ValueRangeError
 from octo.world import query
 from octo.world.bricks import BAND, near_surface
+from octo.world.edges import around_edges
 from octo.world.grid import KIND
 from octo.world.jet import SIZES
 from octo.world.lattice import Lattice
 from octo.world.shape import FRACTION, Shape
-from tests.world.maps import off_by, sampled, sphere, torus, within_cells
+from tests.world.maps import block, off_by, sampled, sphere, torus, within_cells
 
 CELL, REACH = 0.025, 0.75  # m
 LOW, HIGH = np.full(3, -REACH), np.full(3, REACH)
@@ -35,7 +36,7 @@ class Near(Shape):
 
     def __init__(self, distance: Callable[[Array], Array] = torus) -> None:
         super().__init__()
-        self.__dict__["lattice"] = near_surface(distance, LOW, HIGH, CELL, lambda share: None)
+        self.__dict__["lattice"] = near_surface(distance, LOW, HIGH, CELL, lambda share: None)[0]
 
     @property
     def lattice(self) -> Lattice:
@@ -47,6 +48,26 @@ class Near(Shape):
 
     def own_bounds(self) -> Array:
         return np.array([[-0.6] * 3, [0.6] * 3])
+
+
+class Edged(Near):
+    """The same of a cube whose edges are known."""
+
+    def __init__(self) -> None:
+        super().__init__(block)
+        made, band = near_surface(block, LOW, HIGH, CELL, lambda share: None)
+        along = np.linspace(-0.2, 0.2, 33)
+        sides = [(k, i, j) for k in range(3) for i in (-0.2, 0.2) for j in (-0.2, 0.2)]
+        edges = np.concatenate([np.roll([(x, i, j) for x in along], k, 1) for k, i, j in sides])
+        self.__dict__["lattice"] = around_edges(made, band, block, edges, lambda share: None)
+
+
+def at_edges(count: int) -> Array:
+    """Random points (count, 3) m around the cube's edges: in their parts, beside and beyond."""
+    rng = np.random.default_rng(8)
+    points = rng.choice([-0.2, 0.2], (count, 3)) + rng.uniform(-0.1, 0.1, (count, 3))
+    points[::2, 0] = rng.uniform(-0.2, 0.2, (count + 1) // 2)
+    return points
 
 
 GRIDS = pytest.mark.parametrize("make", [whole, Near])
@@ -101,6 +122,45 @@ def test_it_is_twice_continuously_differentiable(make: Callable[..., Shape]) -> 
     largest = np.abs(high).max(axis=0)
     assert np.abs(high - low)[:, : SIZES[2]].max() < 3e-10 * largest.max()
     assert np.abs(high - low)[:, SIZES[2] :].max() > 0.1 * largest.max()  # and not three times
+
+
+@pytest.fixture(scope="module")
+def edged() -> Edged:
+    return Edged()
+
+
+def test_around_edges_it_is_nearer_and_elsewhere_the_same(edged: Edged) -> None:
+    world, plain, points = World([edged]), World([Near(block)]), at_edges(50_000)
+    near = np.abs(block(points)) < CELL
+    off, before = (np.abs(one.distance(points) - block(points)) for one in (world, plain))
+    assert off[near].max() < 0.1 * CELL < 0.2 * CELL < before[near].max()
+    far = np.sort(np.abs(np.abs(points) - 0.2), axis=1)[:, 1] > 3.0 * CELL  # from all edges
+    assert far.sum() > 1000
+    assert np.abs(world.distance(points) - plain.distance(points))[far].max() < 1e-12
+
+
+def test_around_edges_it_is_a_spline_of_a_quarter_of_the_cell(edged: Edged) -> None:
+    """C² across the edges of its cells, where its parts end too, with derivatives of differences
+    within them."""
+    world, points, cell = World([edged]), at_edges(20_000), 0.25 * CELL
+    inner = LOW + cell * (np.floor((points[:500] - LOW) / cell) + 0.5)
+    assert off_by(world, inner, cell) < 1e-10
+    points[:, 0] = LOW[0] + cell * np.round((points[:, 0] - LOW[0]) / cell)
+    away = np.array([1e-10, 0.0, 0.0])
+    low, high = world.jets(points - away, 3), world.jets(points + away, 3)
+    largest = np.abs(high).max(axis=0)
+    assert np.abs(high - low)[:, : SIZES[2]].max() < 3e-10 * largest.max()
+    assert np.abs(high - low)[:, SIZES[2] :].max() > 0.1 * largest.max()
+
+
+@pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
+@pytest.mark.parametrize("order", range(4))
+def test_parts_without_a_compiler(edged: Edged, order: int) -> None:
+    points = at_edges(2000)
+    compiled = query.compiled(World([edged]).data, points, order)
+    assert compiled is not None
+    other = edged.kind.jets(edged.own, points, order)
+    assert np.abs(compiled - other).max() < 1e-13 * np.abs(other).max()
 
 
 def test_bricks_are_near_the_surface_alone() -> None:
