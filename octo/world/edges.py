@@ -38,7 +38,7 @@ KEPT, LEFT = 1.0, 2.0  # cells of |φ|
 NEAR = 3.5  # cells from an edge: a kink at a right angle is 2.8 away where |φ| is LEFT
 KINK = 0.05  # cells between coefficient and sample, from which on a kink is looked for
 BESIDE = 1.0  # cells, along each axis, from such a sample
-OFF = 0.04  # cells between spline and distance, from which on the spline is corrected
+OFF = 0.05  # cells between spline and distance, from which on the spline is corrected
 EXACT = 1e-4  # of what is corrected
 CORNERS = np.argwhere(np.ones((2, 2, 2)))
 
