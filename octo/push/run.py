@@ -69,8 +69,8 @@ def push(
     Returns
     -------
     The best converged of the starts, behind the way to the object; ``starts`` has a record of each.
-    The object ends there: at rest, but for a ball, which would roll through it (no start of a ball
-    is known to converge).
+    The object ends there, turned as it was; where it slides, its friction brings it to rest. A ball
+    would roll through its place (no start of a ball is known to converge).
 
     Raises
     ------
