@@ -10,6 +10,7 @@ import sys
 import numpy as np
 
 import octo
+from octo.model.kinematics import body_poses
 
 BALL = "--ball" in sys.argv
 robot = octo.gallery.mammal()
@@ -30,5 +31,10 @@ converged = sum(start["converged"] for start in motion.starts)
 at = [motion.joint_names.index(f"{thing.name}_{axis}") for axis in "xy"]
 off = np.linalg.norm(motion.x[-1, at] - place)
 print(f"{thing.name}: {converged} of {seeds} starts converged, the best is {off:.3f} m off")
-print(f"Newton's law holds to {motion.violation:.1e} N")
+up = body_poses(motion.character, motion.x)[0][:, motion.character.body_index(thing.name), 2]
+tilt = np.arccos(np.clip(up @ up[0], -1.0, 1.0)).max()
+print(
+    f"Newton's law holds to {motion.violation:.1e} N, the {thing.name} is tilted by {tilt:.3f} rad"
+)
+print(f"{motion.processor_seconds:.0f} s of processor time, {motion.steps * motion.dt:.1f} s long")
 assert off <= 0.05 and motion.violation <= 1e-3, (off, motion.violation)

@@ -17,6 +17,7 @@ from octo.errors import OctoError, ProblemError, UnknownNameError, UsageError
 from octo.goals import Goal
 from octo.model.feet import lowest_contacts
 from octo.model.kinematics import body_poses, sphere_centers
+from octo.problem.compiled import CompiledProblem
 from octo.push.plan import STAGES, Plan
 from octo.push.task import Task
 
@@ -106,6 +107,44 @@ def test_the_stages_end_with_contact_alone() -> None:
     assert not free.elements and last["contact.w_perp"] == 3e6
     touching = {free.contacts[k].name for k, _ in free.touches}
     assert touching == {MAMMAL.contacts[k].name for k in MAMMAL.own_contacts}
+
+
+def fixed_at_the_end(problem: octo.Problem) -> list[set[str]]:
+    """The coordinates that are fixed at the last step but one, and at the last."""
+    made = CompiledProblem([problem])
+    equal = made.row_bounds[0][0] == made.row_bounds[1][0]  # (N, rows)
+    assert not equal[:-2].any() and problem.end is None
+    names = [one.name for one in problem.character.joints]
+    return [{names[row % len(names)] for row in np.flatnonzero(step)} for step in equal[-2:]]
+
+
+@pytest.mark.parametrize("thing, at", [(TURNED, "x y yaw"), (BALL, "x y")])
+def test_of_the_object_only_its_place_is_fixed_at_the_end(thing: octo.Character, at: str) -> None:
+    problem = plan_of(task_of(thing)).problem(STAGES[-1])
+    robot = {one.name for one in MAMMAL.joints}
+    before, last = fixed_at_the_end(problem)
+    assert before == robot
+    assert last == robot | {f"{thing.name}_{name}" for name in at.split()}
+    place = [term.term.target for term in problem.constraints if term.label == "Place"]
+    first = problem.character.first_joint[problem.character.body_index(thing.name)]
+    assert place[0][first : first + 2] == pytest.approx(PLACE, abs=1e-6)
+    assert ("Tilt" in {term.label for term in problem.costs}) == (thing is TURNED)
+
+
+def test_a_tall_object_falls_over_sooner_and_its_tilt_is_dearer() -> None:
+    low, tall = (
+        task_of(octo.objects.box((0.3, 0.4, z), 1.5, (0.5, 0.2, z / 2)), (1.5, 0.2))
+        for z in (0.3, 0.6)
+    )
+    assert low.tipping == pytest.approx(np.pi / 4)
+    assert tall.tipping == pytest.approx(np.arctan(0.5))
+    weight = [
+        next(
+            term.weight for term in plan_of(task).problem(STAGES[-1]).costs if term.label == "Tilt"
+        )
+        for task in (low, tall)
+    ]
+    assert weight[1] / weight[0] == pytest.approx(2.5)  # of 1/sin²
 
 
 REFUSED = {

@@ -14,39 +14,38 @@ from octo.model.element import SpringDamper
 from octo.model.feet import lowest_contacts
 from octo.model.kinematics import sphere_centers
 from octo.problem import presets
-from octo.problem.limits import StepLimit
+from octo.problem.body_costs import Upright
+from octo.problem.costs import Cost
+from octo.problem.joint_costs import PoseTarget
 from octo.problem.problem import Problem
 from octo.push.task import Task
 from octo.result.solution import Solution
 
 GAP = 0.02  # ℓ, between the foremost point of the walk and the object
-LEAP = 0.5  # rad and m, of a step
 SHORTER = 0.02  # ℓ, by which the load of the object shortens the rod at first …
 DAMPING = 0.6  # √(ℓ/g), … and what its damping is in parts of that
+TILT = 10.0  # of the sine of the object's tilt, in parts of that at which it falls over, squared
 
 
 class Stage(NamedTuple):
     """Of the continuation: how stiff the rod is and contacts are, in parts of what they are at the
-    beginning and in the walk; the speed at which friction is at 0.7 of its limit, in √(gℓ); and how
-    many iterations it has, for it need not converge: the next one begins elsewhere."""
+    beginning and in the walk, and the speed at which friction is at 0.7 of its limit, in √(gℓ)."""
 
     rod: float
     stiffness: float
     creep: float
-    iterations: int
 
 
 # Of a mammal that pushes a third of its mass: with stiff contacts, or a speed of 0.03, from the
-# first on the first stage stalls. The last one but one is without the contacts' curvature, with
-# which the last one alone stalls in worse optima.
+# first on the first stage stalls.
 STAGES = (
-    Stage(1.0, 0.1, 0.13, 100),
-    Stage(0.3, 0.1, 0.13, 100),
-    Stage(0.1, 0.1, 0.13, 100),
-    Stage(0.03, 0.1, 0.13, 100),
-    Stage(0.0, 0.1, 0.13, 100),
-    Stage(0.0, 0.3, 0.06, 100),
-    Stage(0.0, 1.0, 0.03, 400),
+    Stage(1.0, 0.1, 0.13),
+    Stage(0.3, 0.1, 0.13),
+    Stage(0.1, 0.1, 0.13),
+    Stage(0.03, 0.1, 0.13),
+    Stage(0.0, 0.1, 0.13),
+    Stage(0.0, 0.3, 0.06),
+    Stage(0.0, 1.0, 0.03),
 )
 FRICTION = STAGES[-1].creep
 
@@ -110,7 +109,7 @@ class Plan:
     def model(self, stage: Stage) -> tuple[Character, dict[str, float]]:
         """The scene, with the rod where there is one, and its parameters."""
         task = self.task
-        rod, stiffness, creep, _ = stage
+        rod, stiffness, creep = stage
         own = {name: self.walk.parameters[f"contact.{name}"] for name in ("w_perp", "onset")}
         given = {
             "contact.w_perp": stiffness * own["w_perp"],
@@ -139,16 +138,30 @@ class Plan:
         )
         feet = [task.robot.contacts[k].name for k in lowest_contacts(task.robot, task.leaning)]
         costs = presets.natural(length=bare.length, feet=tuple(feet), pose=bare.start)
-        moved = self.nodes[-1] - self.nodes[0]
-        moved[np.setdiff1d(np.arange(len(moved)), self._goes)] = 0.0
-        return bare.replace(costs=costs, displacement=moved, constraints=[StepLimit(LEAP)])
+        if not task.rolls:
+            tilt = TILT / np.sin(task.tipping) ** 2
+            costs.append(Upright(weight=tilt, pose=bare.start, body=task.body, name="Tilt"))
+        return bare.replace(costs=costs, constraints=self._ends(bare.start))
 
-    @property
-    def _goes(self) -> Array:
-        """The coordinates that the motion changes: places, and the angles of a ball."""
-        first, base = self.task.first, self.base
-        turns = [first + 3, first + 4, first + 5] if self.task.rolls else []
-        return np.array([base, base + 1, first, first + 1, *turns])
+    def _ends(self, start: Array) -> list[Cost]:
+        """Where a motion that begins at ``start`` (nx,) ends: the robot at rest, as it stood, the
+        object at its place, and turned as it was.
+
+        That an object that slides ends level and at rest follows by itself. Fixed all the same, it
+        has multipliers that grow 2.5-fold with every step since the object was let go, to 1e6, and
+        a solve stalls.
+        """
+        task, first = self.task, self.task.first
+        target = start.copy()
+        places = [self.base, self.base + 1, first, first + 1]
+        target[places] += (self.nodes[-1] - self.nodes[0])[places]
+        robot, thing = np.zeros((2, len(start)))
+        robot[: task.robot.nx] = 1.0
+        thing[[first, first + 1] if task.rolls else [first, first + 1, first + 3]] = 1.0
+        return [
+            PoseTarget(target=target, coordinates=robot, at=(-2, -1), name="Stands"),
+            PoseTarget(target=target, coordinates=thing, at="last", name="Place"),
+        ]
 
     @property
     def _rod(self) -> float:

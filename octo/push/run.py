@@ -17,7 +17,7 @@ from octo.motions.budget import Budget
 from octo.motions.steady import go_to
 from octo.motions.transitions import JOINT, SUMS
 from octo.problem.cycle import TIME_STEP
-from octo.push.plan import FRICTION, STAGES, Plan, Stage
+from octo.push.plan import FRICTION, STAGES, Plan
 from octo.push.task import SPEED, Task
 from octo.ranking import best_of
 from octo.result.solution import Solution
@@ -28,6 +28,10 @@ from octo.starts import smooth_noise
 
 LOG = logging.getLogger("octo")
 
+ITERATIONS = 100  # of a stage but the last
+# rad and m, of one iteration of the last stage: of five starts of a box all end as converged or
+# acceptable, without it or with 0.05 four
+CAP = 0.02
 NEAR = 0.05  # ℓ and rad, of where the push begins: no walk leads there
 
 
@@ -65,8 +69,8 @@ def push(
     Returns
     -------
     The best converged of the starts, behind the way to the object; ``starts`` has a record of each.
-    The object ends there: at rest, but for a ball, which would roll through it (no start of a ball
-    is known to converge).
+    The object ends there, turned as it was; where it slides, its friction brings it to rest. A ball
+    would roll through its place (no start of a ball is known to converge).
 
     Raises
     ------
@@ -88,8 +92,8 @@ def pushed(task: Task, seconds: float | None, seeds: int, seed: int, budget: Bud
         return walk
     plan = Plan(task, walk)
     members: list[Any] = _starts(plan, seeds, seed)
-    for number, stage in enumerate((*STAGES, STAGES[-1])):
-        members = _solved(plan, stage, members, number, budget)
+    for number in range(len(STAGES)):
+        members = _solved(plan, number, members, budget)
         if any(one.status is Status.INTERRUPTED for one in members):
             break
     best = best_of([replace(one, seed=seed + k) for k, one in enumerate(members)])
@@ -114,22 +118,28 @@ def _starts(plan: Plan, seeds: int, seed: int) -> list[Array]:
     return made
 
 
-def _solved(
-    plan: Plan, stage: Stage, members: Sequence[Any], number: int, budget: Budget
-) -> list[Solution]:
+def _solved(plan: Plan, number: int, members: Sequence[Any], budget: Budget) -> list[Solution]:
     """A stage of all starts, from where each was after the one before; the last is solved to its
-    end."""
-    problem = plan.problem(stage)
-    nodes = [one.x[1:] if isinstance(one, Solution) else one for one in members]
-    guesses = [own + (problem.start - own[0]) for own in nodes]
-    options = budget.left(f"pushing, stage {number + 1} of {len(STAGES) + 1}") | {"passes": None}
-    if number < len(STAGES):
-        own = replace(options.get("options") or SqpOptions(), hessian="dynamics")
-        options["options"] = early(own) if number + 1 < len(STAGES) else own
-        options["max_iterations"] = min(stage.iterations, options.get("max_iterations", 10**6))
-    made = solve([problem] * len(guesses), start=guesses, **options)
+    end, the others need not converge, for the next one begins elsewhere."""
+    problem = plan.problem(STAGES[number])
+    options = budget.left(f"pushing, stage {number + 1} of {len(STAGES)}") | {"passes": None}
+    own = options.get("options") or SqpOptions()
+    if number + 1 < len(STAGES):
+        options["options"] = early(replace(own, hessian="dynamics"))
+        options["max_iterations"] = min(ITERATIONS, options.get("max_iterations", ITERATIONS))
+    else:
+        options["options"] = replace(own, cap=min(CAP, own.cap))
+    starts = [_moved(one, problem.start) for one in members]
+    made = solve([problem] * len(starts), start=starts, **options)
     LOG.info("stage %d: %s", number + 1, ", ".join(one.status.label for one in made))
     return [_after(*pair) for pair in zip(members, made, strict=True)]
+
+
+def _moved(given: Any, start: Array) -> Any:
+    """Nodes (N+1, nx), or a solution with its multipliers, moved so that it begins at ``start``."""
+    if isinstance(given, Solution):
+        return replace(given, x=given.x + (start - given.x[1]))
+    return given + (start - given[0])
 
 
 def _after(before: Any, made: Solution) -> Solution:
@@ -160,7 +170,7 @@ def _behind(plan: Plan, best: Solution, budget: Budget) -> Solution:
     nodes[:, base + 3] += begin[base + 3] - way.x[-1, base + 3]
     problem = plan.problem(STAGES[-1])
     both = np.concatenate([nodes, best.x[2:]])
-    whole = problem.replace(steps=len(both) - 1, x0=both[0], pose=None, displacement=None)
+    whole = problem.replace(steps=len(both) - 1, x0=both[0], pose=None)
     raw = evaluated(whole, both, Status.JOINED)
     lawful = way.converged and best.converged and raw.violation <= JOINT * raw.weight
     spent: dict[str, Any] = {name: getattr(way, name) + getattr(best, name) for name in SUMS}

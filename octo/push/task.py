@@ -105,14 +105,24 @@ class Task:
         inner = self.scene.joints[self.first + 5].axis
         return "zxy" if abs(inner[1]) > 0.5 else "zyx"
 
+    def _reach(self, direction: Array) -> float:
+        """m, how far the object reaches from its middle along a unit vector (3,)."""
+        b = self.scene.body_index(self.body)
+        pose = self.scene.start_pose
+        spheres = [(k, one) for k, one in enumerate(self.scene.contacts) if one.body == b]
+        middle, centers = pose[self.first : self.first + 3], sphere_centers(self.scene, pose)
+        return max(float((centers[k] - middle) @ direction) + one.radius for k, one in spheres)
+
     @cached_property
     def depth(self) -> float:
         """m, how far the object reaches from its middle to the side of the robot."""
-        b = self.scene.body_index(self.body)
-        pose, back = self.scene.start_pose, -np.append(self.way / np.linalg.norm(self.way), 0.0)
-        spheres = [(k, one) for k, one in enumerate(self.scene.contacts) if one.body == b]
-        middle, centers = pose[self.first : self.first + 3], sphere_centers(self.scene, pose)
-        return max(float((centers[k] - middle) @ back) + one.radius for k, one in spheres)
+        return self._reach(-np.append(self.way / np.linalg.norm(self.way), 0.0))
+
+    @cached_property
+    def tipping(self) -> float:
+        """rad, tilted by which the object falls over forwards."""
+        ahead = np.append(self.way / np.linalg.norm(self.way), 0.0)
+        return float(np.arctan2(self._reach(ahead), self._reach(np.array([0.0, 0.0, -1.0]))))
 
     @property
     def mass(self) -> float:
