@@ -23,7 +23,7 @@ def chain(links: int = 5, between: int = 0) -> Character:
     Parameters
     ----------
     links: how many. between: contact spheres of each link beside those at its ends, evenly spaced:
-        with 3, no edge gets deeper than 3 cm into a link of 12 cm.
+        an edge gets 3 cm into a link of 12 cm where there are 3 of them, 6 mm where there are 7.
 
     Raises
     ------
