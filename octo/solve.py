@@ -239,7 +239,7 @@ def _solve(
     current = stiffened(batch, [plan[0] for plan in schedules])
     compiled = compiled_of(current, int(request.threads))
     default = options.step == "line_search"
-    name = "octo.solve" if default else "step='trust_region'"
+    name = "octo.solve" if default else f"step={options.step!r}"
     compiled.check_squares(name, default, default, arrays=True)
     nodes = np.stack([first_nodes(*one) for one in zip(current, numbers, starts, strict=True)])
     backend = _prepared(backend, compiled, options, request.device)

@@ -26,11 +26,12 @@ from octo.problem.phases import Described
 from octo.problem.problem import Array
 from octo.result.explanation import LEFT_OUT, LIMITED
 from octo.result.solution import Solution
-from octo.solver import sqp
+from octo.solver import quasi_newton, sqp
 from octo.solver.backend import Backend
 from octo.solver.bounds import Slacks
 from octo.solver.free_time import FreeTime, timed
 from octo.solver.options import SqpOptions
+from octo.solver.soft import Softened
 from octo.solver.status import Status
 
 
@@ -174,10 +175,23 @@ class Continuation:
         problem, lam = timed(self.backend.place(self.compiled)), self.backend.array(self.lam)
         if isinstance(problem, FreeTime):
             lam = problem.widened(lam)
+        if options.soft:
+            return self._softly(Softened(problem, options.penalty), options)
         start = (problem.unknowns(self.nodes), lam)
         result = sqp.run(problem, *start, options, monitor, self.backend, self.slacks)
         self.seconds += result.seconds
         if isinstance(problem, FreeTime):
             self.compiled, result.at = problem.ended(result.at)
             result.lam = result.lam[..., :-1]
+        return result
+
+    def _softly(self, problem: Softened, options: SqpOptions) -> sqp.Result:
+        """One solve with soft constraints."""
+        start = problem.unknowns(self.nodes)
+        if options.step == "lbfgs":
+            result = quasi_newton.run(problem, start, options, self.monitor)
+        else:
+            result = sqp.run(problem, start, None, options, self.monitor, self.backend)
+        self.seconds += result.seconds
+        result.at, result.lam = problem.ended(result.at)
         return result

@@ -90,6 +90,11 @@ class DeviceBackend(Backend):
 
     def prepare(self, problem: Compiled, options: SqpOptions) -> None:
         """Compiles every kernel, or takes it from the cache."""
+        if options.soft:
+            raise DeviceError(
+                f"soft constraints (step={options.step!r}) are not solved on a GPU yet: solve with "
+                "device='cpu'"
+            )
         own = text(_single(problem).nc, problem.ma, self.device.shared_limit)
         with ThreadPoolExecutor(1) as pool:
             beside = pool.submit(self.device.compile, [own])

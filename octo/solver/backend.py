@@ -35,7 +35,8 @@ class Backend:
         """Generate and compile what is not there yet: set-up, not solving."""
         problem.prepare()
         more = int(problem.problems[0].duration is not None)  # dt has a copy and a row in each unit
-        kkt.prepare(problem.nc + more, problem.ma + more, options.linear_solver)
+        rows = 0 if options.soft else problem.ma + more
+        kkt.prepare(problem.nc + more, rows, options.linear_solver)
 
     def release(self) -> None:
         """At the end of a solve: give back the memory that was kept for its next iteration."""

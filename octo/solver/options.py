@@ -13,9 +13,10 @@ from octo.solver.acceptance import Acceptance
 
 CHOICES = {
     "hessian": ("exact", "dynamics", "gauss_newton"),
-    "step": ("line_search", "trust_region"),
+    "step": ("line_search", "trust_region", "levenberg_marquardt", "lbfgs"),
     "linear_solver": ("auto", "elimination", "cyclic_reduction"),
 }
+SOFT = ("levenberg_marquardt", "lbfgs")  # steps of soft constraints
 # of the line search; the classes of octo.solver.heuristics say what each is worth
 HEURISTICS = (
     "leap_damping",
@@ -40,7 +41,10 @@ class SqpOptions:
         settled, of itself less than ``settled`` over ten iterations, that of the terms over
         contacts and of those whose ``curvature`` is "exact"; "dynamics" leaves these out;
         "gauss_newton" is JᵀJ.
-    step: "line_search", a regularised KKT step accepted by a filter; or "trust_region", §6.1.
+    step: "line_search", a regularised KKT step accepted by a filter; "trust_region", §6.1; or of
+        soft constraints (§8.4), E + ½ρ‖C‖² in place of C = 0: "levenberg_marquardt", or "lbfgs",
+        SciPy's.
+    penalty: ρ of soft constraints, of C in mg.
     gauss_newton_first: this many iterations of JᵀJ before the exact curvature is switched on.
     max_iterations: of one pass. time_limit: s, of all passes.
     tolerance: of ‖C‖∞ in mg (line_search), in N (trust_region). The default is 1e-5 N at 49 N of
@@ -55,13 +59,14 @@ class SqpOptions:
     plateau, plateau_change: "acceptable" when E changed by less than this part of itself over so
         many iterations.
     acceptance: which steps are taken: an :class:`octo.Acceptance`; None is the filter for
-        line_search, and the paper's merit for trust_region.
+        line_search, and the paper's merit for trust_region. Those of soft constraints have their
+        own.
     heuristics: of the line search, those of HEURISTICS that are on, by default all:
         octo.solver.heuristics says what each is worth.
     """
 
     hessian: Literal["exact", "dynamics", "gauss_newton"] = "exact"
-    step: Literal["line_search", "trust_region"] = "line_search"
+    step: Literal["line_search", "trust_region", "levenberg_marquardt", "lbfgs"] = "line_search"
     gauss_newton_first: int = 0
     max_iterations: int = 3000
     time_limit: float = np.inf
@@ -77,11 +82,12 @@ class SqpOptions:
     settled: float = 5e-3
     acceptance: Acceptance | None = None
     heuristics: tuple[str, ...] = HEURISTICS
+    penalty: float = 10.0
 
     def __post_init__(self) -> None:
         for name, values in CHOICES.items():
             one_of(name, getattr(self, name), values)
-        for name in (*TOLERANCES, "cap", "first_sigma", "c_max"):
+        for name in (*TOLERANCES, "cap", "first_sigma", "c_max", "penalty"):
             positive(name, getattr(self, name))
         for name in TOLERANCES:
             if (value := getattr(self, name)) > LOOSEST:
@@ -105,6 +111,11 @@ class SqpOptions:
             )
         for name in names:
             one_of("heuristics", name, HEURISTICS)
+
+    @property
+    def soft(self) -> bool:
+        """Whether C = 0 is a term of the objective."""
+        return self.step in SOFT
 
     @classmethod
     def paper(cls, **changes: Any) -> SqpOptions:

@@ -1,8 +1,8 @@
 """Algorithm 1 over a batch: linearise, ask the rule for a step, take it, test for convergence.
 
-The rule (line_search.py or trust_region.py) owns the step and its acceptance; this file owns the
-iterate, the tests, the clock and the history. Members that are done leave the batch, so none waits
-for another and none disturbs another.
+The rule (line_search.py, trust_region.py or levenberg_marquardt.py) owns the step and its
+acceptance; this file owns the iterate, the tests, the clock and the history. Members that are done
+leave the batch, so none waits for another and none disturbs another.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from octo.problem.evaluation import Evaluation, Model
 from octo.solver.backend import CPU, Backend
 from octo.solver.barrier import bounds_of
 from octo.solver.bounds import Bounds, Slacks, joined
+from octo.solver.levenberg_marquardt import LevenbergMarquardt
 from octo.solver.line_search import LineSearch
 from octo.solver.options import SqpOptions
 from octo.solver.records import Records
@@ -125,6 +126,11 @@ class Result:
 # iterations of an elastic phase, at most. Where one begins a solve: without any, strides within
 # tight limits take 367 iterations for 228, with 100 (200) 217 (288)
 ELASTIC = 50
+RULES: dict[str, type[LineSearch] | type[TrustRegion] | type[LevenbergMarquardt]] = {
+    "line_search": LineSearch,
+    "trust_region": TrustRegion,
+    "levenberg_marquardt": LevenbergMarquardt,
+}
 
 
 def run(
@@ -163,7 +169,7 @@ class _Run:
         self.options, self.monitor, self.clock = options, monitor, Clock(backend.finish)
         self.problem = problem
         self.began, self.began_processor = time.perf_counter(), time.process_time()
-        kind = TrustRegion if options.step == "trust_region" else LineSearch
+        kind = RULES[options.step]
         if options.step == "trust_region":
             weighed = cast(WeighedNLP, problem)  # phases are refused before
             self.problem = problem = TrustRegion.normalised(weighed, unknowns)
@@ -281,11 +287,15 @@ class _Run:
     @property
     def score(self) -> Array:
         """(batch,) the smaller, the better an iterate."""
+        if self.options.soft:
+            return self.at.energy
         return self.bounds.objective(self.at) + 100.0 * self.violation / self.problem.weight
 
     @property
     def tolerance(self) -> float:
-        """N."""
+        """N; of soft constraints there is none."""
+        if self.options.soft:
+            return np.inf
         return self.options.tolerance * (
             self.problem.weight if self.options.step == "line_search" else 1.0
         )
