@@ -38,6 +38,7 @@ from octo.problem.joint_costs import TorqueLimit as TorqueLimit
 from octo.problem.joint_costs import TorqueRate as TorqueRate
 from octo.problem.losses import Huber as Huber
 from octo.problem.losses import Loss as Loss
+from octo.problem.presets import contact_rich as contact_rich
 from octo.problem.presets import locomotion as locomotion
 from octo.problem.presets import natural as natural
 from octo.problem.presets import paper as paper

@@ -24,21 +24,11 @@ from octo.model.terrain import Ground
 from octo.motions.budget import Budget
 from octo.motions.transitions import SUMS
 from octo.problem import scales
-from octo.problem.body_costs import BaseAngularVelocity
 from octo.problem.constraints import Constraint
-from octo.problem.contact_costs import ForceRate, FrictionCone, SlipPower
-from octo.problem.costs import Cost
-from octo.problem.hard import MU, Held, beside, held
-from octo.problem.joint_costs import (
-    Effort,
-    JointAcceleration,
-    JointLimit,
-    JointSpeedLimit,
-    JointVelocity,
-    TorqueLimit,
-)
+from octo.problem.hard import Held, beside, held
+from octo.problem.joint_costs import Effort
 from octo.problem.limits import FrictionCones, StepLimit
-from octo.problem.presets import FASTEST
+from octo.problem.presets import contact_rich
 from octo.problem.problem import Problem
 from octo.problem.symbols import Setting
 from octo.ranking import best_of
@@ -52,7 +42,6 @@ LOW = 0.5  # of its height when it stands: where the base of a robot that lies i
 LEVEL = 0.01  # rad, that it leans at most when it stands with the joints of its balanced pose
 DRAWS = 100  # poses that are drawn until one lies
 STEEP = 0.87  # sine of the middle angle of a chart beyond which the base has the other one
-STILL = 0.1**2  # (rad/s)², what the squared rate of a base that is to stay still is in parts of
 LEAP = 0.5  # rad and m, of a step: rotations are linearised in it, and half a turn is none
 OVER = 0.6 * np.pi  # rad, of the inner angle, from which a robot may roll over either side
 MOVES = ((0.1, 0.7), (0.3, 0.9), (0.2, 0.95))  # parts of the time in which first guesses move
@@ -140,7 +129,8 @@ class Rise(Problem):
         """The same without constraints, their limits as terms: what a motion that keeps them is
         found from."""
         kept = [one for one in self.constraints if isinstance(one, StepLimit)]
-        made = self.replace(costs=costs_of(self.length, self.gravity), constraints=kept)
+        costs = contact_rich(length=self.length, gravity=self.gravity)
+        made = self.replace(costs=costs, constraints=kept)
         assert isinstance(made, Rise)
         return made
 
@@ -183,7 +173,7 @@ def get_up_problems(
     must = _everywhere(held(robot, constraints))
     if not any(isinstance(one, StepLimit) for one in must):
         must = (*must, StepLimit(LEAP))
-    costs = beside(must, costs_of(standing.length, standing.gravity))
+    costs = beside(must, contact_rich(length=standing.length, gravity=standing.gravity))
     first = robot.base_coordinate
     kept = [first, first + 1, first + 3]  # x, y, and the outer angle
     found = []
@@ -196,24 +186,6 @@ def get_up_problems(
         ends: dict[str, Any] = {"pose": side, "displacement": end - side, "law": law}
         found.append(Rise(**values, **ends, costs=costs, constraints=must))
     return found
-
-
-def costs_of(length: float, gravity: float) -> list[Cost]:
-    """The terms of getting up, of a robot that stands ``length`` m high: nothing that says how to
-    stand, nothing about a body that carries."""
-    fast = gravity * length  # m²/s²
-    return [
-        Effort(weight=0.02),
-        JointVelocity(weight=0.01 * length / gravity),
-        BaseAngularVelocity(weight=0.02 * STILL * length / gravity),
-        JointAcceleration(weight=1e-3 * (length / gravity) ** 2),
-        SlipPower(weight=5.0 / fast),
-        ForceRate(weight=0.005),
-        FrictionCone(weight=1.0, mu=MU),
-        TorqueLimit(weight=5.0, margin=0.9),
-        JointSpeedLimit(weight=1.0, margin=0.9, otherwise=FASTEST),
-        JointLimit(weight=20.0),
-    ]
 
 
 def solve_get_up(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -22,9 +23,12 @@ from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
 from octo.world.cut import halved, near
 from octo.world.drawn import Drawn, creases, drawn
+from octo.world.primitives import Ground as Floor
 from octo.world.world import World
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from octo.figure import Figure
 
 # rad, between the direction of travel and the width of the picture: seen a little from the front
@@ -35,7 +39,6 @@ FAR, NEAR = np.array([0.62, 0.72, 0.84]), np.array([0.13, 0.35, 0.62])
 FOOT, LOADED_FOOT = np.array([0.35, 0.37, 0.40]), np.array([0.95, 0.52, 0.12])
 TILES = (np.array([0.955, 0.955, 0.95]), np.array([0.90, 0.905, 0.91]))
 SHADOW = np.array([0.78, 0.79, 0.80])
-WIDEST = 13.0  # inches
 TRIANGLES = 2000  # of a mesh of the robot's file, about
 AROUND = 1.15  # of a foot's radius: it shows outside of the foot that the file draws
 # edge of a painted triangle, in parts of the character's size: far to near is not defined for long
@@ -116,8 +119,8 @@ def filmstrip(
 
     Feet are orange while they carry load; footprints and the path of the centre of mass are marked.
     Forces between bodies are arrows, one on each body; the weight is as long as 0.8 of the
-    character.
-    A character that hardly travels is drawn beside itself, moment by moment. ``visuals``: a robot
+    character. A character that hardly travels is drawn beside itself, moment by moment; among the
+    shapes of a world each moment has a picture of its own, of the same place. ``visuals``: a robot
     looks as its file says, False: as the shapes that octo computes with.
 
     Raises
@@ -129,7 +132,7 @@ def filmstrip(
     """
     if path is not None:
         path = ending("path", path, STILLS)
-    from octo.figure import Figure
+    from octo.figure import table
 
     solution = even(motion_of(solution))
     if solution.character is None:
@@ -139,21 +142,27 @@ def filmstrip(
     travel = path_of_com[-1, :2] - path_of_com[0, :2]
     room = 0.8 * size(solution.character)
     moving = np.linalg.norm(travel) > room
-    heading = np.arctan2(travel[1], travel[0]) if moving else solution.yaw[0]
-    camera = Camera.beside(float(heading))
+    camera = Camera.beside(float(np.arctan2(*travel[::-1]) if moving else solution.yaw[0]))
     each = travel @ camera.axes[0, :2] / max(len(frames) - 1, 1)
     # (3,) m, to the right from moment to moment
     shift = max(0.0, 1.1 * room - each) * camera.axes[0]
     scene = Scene(camera, Ground.of(solution), size(solution.character), solution.world)
     scene.visuals = flag("visuals", visuals)
+    pictures = 1
+    if shift.any() and scene.obstacles:  # which a character beside itself would not be among
+        pictures, shift = len(frames), np.zeros(3)
     apart = np.linspace(0.0, len(frames) - 1.0, len(path_of_com))[:, None] * shift
     scene.ground_under(path_of_com + apart)
     if not shift.any():
         steps = slice(max(frames[0] - 1, 0), max(frames[-1], 1))
         scene.prints = solution.contact_point[steps][solution.loaded[steps]]
+    scenes = [scene.empty() for _ in range(pictures)]
     for number, frame in enumerate(frames):
-        scene.character(solution, int(frame), number / max(len(frames) - 1, 1), number * shift)
-    figure = scene.figure(Figure, None if shift.any() else path_of_com)
+        share = number / max(len(frames) - 1, 1)
+        scenes[number % pictures].character(solution, int(frame), share, number * shift)
+    figure, places = table(pictures, *_bounds([np.stack(own.window()) for own in scenes]))
+    for own, axes in zip(scenes, places, strict=True):
+        own.paint(axes, None if shift.any() else path_of_com)
     if path is not None:
         figure.savefig(path, dpi=150)
     return figure
@@ -178,6 +187,18 @@ class Scene:
         # start and way (k, 3) m of forces
         self.arrows: list[tuple[Array, Array]] = [(np.zeros((0, 3)), np.zeros((0, 3)))]
         self.visuals = True  # characters look as their files say
+
+    def empty(self) -> Scene:
+        """The same ground, footprints and light, without characters."""
+        other = copy(self)
+        other.bodies, other.shadows, other.arrows = [], [], self.arrows[:1]
+        return other
+
+    @property
+    def obstacles(self) -> bool:
+        """Whether the world is more than planes."""
+        shapes = () if self.world is None else self.world.shapes
+        return not all(isinstance(shape, Floor) for shape in shapes)
 
     def character(self, solution: Solution, frame: int, share: float, shift: Array) -> None:
         """The character at node ``frame``; ``share`` of the way from the first to the last moment
@@ -295,14 +316,10 @@ class Scene:
         lines = ends[seen][:, [0, 1, 1]] - LINE * self.scale * self.camera.axes[2]
         self._add_part(lines, np.broadcast_to(CREASE, (len(lines), 3)), path, faded=False)
 
-    def figure(self, make: type[Figure], path: Array | None) -> Figure:
-        """Paint: ground, footprints, shadows, then bodies; a hilly ground is sorted with the
-        bodies."""
-        from matplotlib.collections import PolyCollection
-
-        flat, depth = self.camera.flat, self.camera.depth
-        corners, colors = (np.concatenate(part) for part in zip(*self.bodies, strict=True))
-        bodies = flat(corners).reshape(-1, 2)
+    def window(self) -> tuple[Array, Array]:
+        """Lower left and upper right corner (2,) m of the picture."""
+        flat = self.camera.flat
+        bodies = flat(np.concatenate([corners for corners, _ in self.bodies])).reshape(-1, 2)
         ground = [flat(points).reshape(-1, 2) for points, _ in (*self.tiles, *self.shapes)]
         low, high = _bounds([bodies, *ground])
         body_low, body_high = _bounds([bodies])
@@ -312,12 +329,14 @@ class Scene:
         tops = [flat(part[tint.max(axis=1) < SOLID]).reshape(-1, 2) for part, tint in self.shapes]
         top = max((float(points[:, 1].max()) for points in tops if len(points)), default=low[1])
         high[1] = np.clip(top, body_high[1], body_high[1] + self.scale) + 0.5 * margin
-        extent = high - low
-        width = float(np.clip(2.2 * extent[0] / extent[1], 5.0, WIDEST))
-        figure = make(figsize=(width, width * extent[1] / extent[0]))
-        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-        axes.axis("off")
+        return low, high
+
+    def paint(self, axes: Axes, path: Array | None) -> None:
+        """Ground, footprints, shadows, then bodies; a hilly ground is sorted with the bodies."""
+        from matplotlib.collections import PolyCollection
+
+        flat, depth = self.camera.flat, self.camera.depth
+        corners, colors = (np.concatenate(part) for part in zip(*self.bodies, strict=True))
 
         def paint(polygons: Sequence[Array] | Array, colors: Any, order: int) -> None:
             look = {"facecolors": colors, "edgecolors": colors, "linewidths": 0.35}
@@ -350,7 +369,6 @@ class Scene:
             line = flat(path)
             over = 6 if self.shapes else 4
             axes.plot(line[:, 0], line[:, 1], color="black", lw=1.0, alpha=0.6, zorder=over)
-        return figure
 
 
 def _chosen(

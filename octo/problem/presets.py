@@ -53,6 +53,7 @@ if TYPE_CHECKING:
 TRACKING = 1.5  # of the squared error of the velocity, in parts of the velocity wanted
 SLOW = 0.03  # of g·ℓ, squared speed below which it is counted in these parts instead
 BEGIN = 0.5  # s
+STILL = 0.1**2  # (rad/s)², what the squared rate of a base that is to stay still is in parts of
 FASTEST = 12.0  # rad/s, of joints whose file says no limit
 
 
@@ -139,6 +140,37 @@ def natural(
     return terms
 
 
+def contact_rich(*, length: float | None = None, gravity: float = GRAVITY) -> list[Cost]:
+    """Terms for a motion in which any part of the body may touch: crawling, rolling, getting up.
+
+    Effort, speed and acceleration of the joints, the turning of the base, sliding, force that jumps
+    and pulls sideways, at all contacts, and limits: nothing about feet, a level trunk or a pose.
+    Where to go is the problem's: fixed ends, or further terms.
+
+    Parameters
+    ----------
+    length: m, ℓ, height of the base over the lowest contact; by default that of the problem that
+        gets the terms.
+    gravity: m/s².
+    """
+    if length is None:
+        return _sized(partial(_contact_rich, gravity))
+    length, gravity = _reasonable(length), positive("gravity", gravity, "m/s²")
+    time = length / gravity  # s²
+    return [
+        Effort(weight=0.02),
+        JointVelocity(weight=0.01 * time),
+        BaseAngularVelocity(weight=0.02 * STILL * time),
+        JointAcceleration(weight=1e-3 * time**2),
+        SlipPower(weight=5.0 / (gravity * length)),
+        ForceRate(weight=0.005),
+        FrictionCone(weight=1.0, mu=0.6),
+        TorqueLimit(weight=5.0, margin=0.9),
+        JointSpeedLimit(weight=1.0, margin=0.9, otherwise=FASTEST),
+        JointLimit(weight=20.0),
+    ]
+
+
 def robot(
     speed: float | Sequence[float] = 0.5,
     yaw_rate: float = 0.0,
@@ -213,6 +245,11 @@ def _natural(
 ) -> list[Cost]:
     del times
     return natural(speed, yaw_rate, length=length, feet=feet, pose=pose)
+
+
+def _contact_rich(gravity: float, length: float, times: Array) -> list[Cost]:
+    del times
+    return contact_rich(length=length, gravity=gravity)
 
 
 def _robot(speed: Any, yaw_rate: Any, given: Any, length: float, times: Array) -> list[Cost]:

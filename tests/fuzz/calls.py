@@ -389,6 +389,7 @@ def calls() -> dict[str, Call]:
         "paper": (octo.costs.paper, {"velocity": vector}),
         "natural": (octo.costs.natural, {"speed": 0.3, "yaw_rate": None, "length": 0.3}),
         "robot": (octo.costs.robot, {"speed": 0.3, "yaw_rate": 0.0, "length": 0.3, "times": None}),
+        "contact_rich": (octo.costs.contact_rich, {"length": 0.3, "gravity": 9.81}),
         "locomotion": (octo.costs.locomotion, {"velocity": vector, "length": 0.3}),
         "center_of_mass": (
             octo.kinematics.center_of_mass,

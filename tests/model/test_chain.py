@@ -31,6 +31,22 @@ def test_names_are_those_of_five_links() -> None:
     assert [c.name for c in seven.contacts][:3] == ["front_outer", "front_2", "front_inner"]
 
 
+def test_its_links_touch_along_their_length() -> None:
+    robot, plain = octo.gallery.chain(between=3), octo.gallery.chain()
+    assert [c.name for c in robot.contacts][: len(plain.contacts)] == [
+        c.name for c in plain.contacts
+    ]
+    assert robot.pairs == plain.pairs
+    for b in range(len(robot.bodies)):
+        own = sorted(c.position[0] for c in robot.contacts if c.body == b)
+        # the joint of an outer body with its parent has the parent's sphere
+        ends = {round(x, 9) for x in own} | ({0.0} if robot.bodies[b].parent >= 0 else set())
+        assert np.diff(sorted(ends)) == pytest.approx(0.1)
+        assert len(ends) == 5
+    with pytest.raises(ValueRangeError, match="between is -1"):
+        octo.gallery.chain(between=-1)
+
+
 @pytest.mark.parametrize(
     ("links", "said"), [(2, "at least 3"), (4.5, "whole number"), (-1, "at least")]
 )

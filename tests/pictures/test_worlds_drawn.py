@@ -80,6 +80,17 @@ def test_stills_are_drawn_of_every_kind_of_shape(tmp_path: Path) -> None:
     assert (tmp_path / "kinds.png").stat().st_size > 10_000
 
 
+def test_what_hardly_travels_among_shapes_has_a_picture_of_each_moment() -> None:
+    bar = shapes.Box((0.3, 2.0, 0.1), position=(0.2, 0.0, 0.8))
+    level, among = (over(World([shapes.Ground(), *more])) for more in ([], [bar]))
+    for motion, pictures in ((level, 1), (among, 3)):
+        axes = filmstrip(motion, moments=3).axes
+        assert len(axes) == pictures
+        assert len({(one.get_xlim(), one.get_ylim()) for one in axes}) == 1  # of the same place
+        corners = np.array([one.get_position().min for one in axes])
+        assert len(np.unique(corners.round(6), axis=0)) == pictures
+
+
 def test_the_page_has_a_node_for_each_shape_and_the_camera_climbs(tmp_path: Path) -> None:
     pytest.importorskip("viser")
     from octo.viewer.ground import is_level

@@ -375,3 +375,18 @@ def test_slip_is_priced_by_load_and_speed_by_height(compiled, wiggle):
     assert power > 1e-3 and swing > 1e-3
     np.testing.assert_allclose(term_value(problem, at, "SlipPower"), power, rtol=1e-5)
     np.testing.assert_allclose(term_value(problem, at, "SwingClearance"), swing, rtol=1e-10)
+
+
+def test_contact_rich_terms_have_the_length_of_their_problem() -> None:
+    problem = Problem(gallery.chain(), steps=4, dt=DT, costs=octo.costs.contact_rich())
+    given = octo.costs.contact_rich(length=problem.length)
+    assert [one.label for one in problem.costs] == [one.label for one in given]
+    assert [one.weight for one in problem.costs] == [one.weight for one in given]
+    # four times as long: twice as slow, so that a swing of the joints costs the same
+    longer = octo.costs.contact_rich(length=4.0 * problem.length)
+    slower = {"JointVelocity": 4.0, "JointAcceleration": 16.0, "SlipPower": 0.25, "Effort": 1.0}
+    for one, other in zip(given, longer, strict=True):
+        if one.label in slower:
+            assert other.weight == pytest.approx(slower[one.label] * one.weight)
+    with pytest.raises(octo.errors.ValueRangeError, match="gravity"):
+        octo.costs.contact_rich(length=0.3, gravity=0.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from octo.checks import whole
 from octo.errors import ValueRangeError
 from octo.model.character import Character
@@ -10,18 +12,25 @@ from octo.model.gallery.parts import Builder, Hinge
 LINK = 0.4  # m
 RADIUS = 0.06  # m
 FEWEST = 3
+MOST_BETWEEN = 20
 DOWN, ASIDE = 1.3, 0.6  # rad, of the default pose
 
 
-def chain(links: int = 5) -> Character:
+def chain(links: int = 5, between: int = 0) -> Character:
     """Equal capsules of 1 kg and 0.4 m, the middle one is the base; each joint pitches, then yaws:
     4 + 2 ``links`` coordinates.
 
+    Parameters
+    ----------
+    links: how many. between: contact spheres of each link beside those at its ends, evenly spaced:
+        an edge gets 3 cm into a link of 12 cm where there are 3 of them, 6 mm where there are 7.
+
     Raises
     ------
-    ValueRangeError: fewer than three links.
+    ValueRangeError: fewer than three links, or a negative number of spheres.
     """
     whole("links", links)
+    whole("between", between, 0, MOST_BETWEEN)
     if links < FEWEST:
         raise ValueRangeError(f"links is {links}, must be at least {FEWEST}")
     builder = Builder("chain" if links == 5 else f"chain{links}")
@@ -29,6 +38,7 @@ def chain(links: int = 5) -> Character:
     middle = builder.base("middle", (-half, 0.0, 0.0), (half, 0.0, 0.0), RADIUS)
     builder.sphere("middle_front", middle, (half, 0.0, 0.0), RADIUS)
     builder.sphere("middle_back", middle, (-half, 0.0, 0.0), RADIUS)
+    _fill(builder, "middle", middle, (-half, half), between)
     feet: list[str] = []
     tips: list[str] = []
     for end, sign, count in (("front", 1.0, links // 2), ("back", -1.0, (links - 1) // 2)):
@@ -40,10 +50,17 @@ def chain(links: int = 5) -> Character:
             hinges, tip = (first, Hinge("yaw", "z", -1.4, 1.4, yaw, 10.0)), (sign * LINK, 0.0, 0.0)
             parent, position = builder.link(name, parent, position, hinges, tip, RADIUS), tip
             builder.sphere(name, parent, position, RADIUS)
+            _fill(builder, name, parent, (0.0, sign * LINK), between)
         feet += reversed(names)
         tips.append(names[-1])
     builder.pairs += [(tips[0], tips[1]), (tips[0], "middle_back"), (tips[1], "middle_front")]
     return builder.finish(mass=float(links), feet=feet)
+
+
+def _fill(builder: Builder, name: str, body: int, ends: tuple[float, float], between: int) -> None:
+    """Spheres on a link whose ends are at ``ends`` m along its x axis."""
+    for k, x in enumerate(np.linspace(ends[0], ends[1], between + 2)[1:-1], 1):
+        builder.sphere(f"{name}_between_{k}", body, (float(x), 0.0, 0.0), RADIUS)
 
 
 def _names(end: str, count: int) -> list[str]:
