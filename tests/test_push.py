@@ -131,6 +131,24 @@ def test_of_the_object_only_its_place_is_fixed_at_the_end(thing: octo.Character,
     assert ("Tilt" in {term.label for term in problem.costs}) == (thing is TURNED)
 
 
+def test_the_way_to_the_object_is_found_with_the_object_in_it() -> None:
+    """What nobody touches stays: fixed all the same, it would be fixed twice."""
+    plan = plan_of(task_of(TURNED))
+    begin = plan.problem(STAGES[-1]).start
+    nodes = np.tile(begin, (9, 1))
+    nodes[:, 0] -= np.linspace(0.05, 0.0, 9)
+    way = plan.approach(nodes)
+    assert way.steps == 8 and way.start == pytest.approx(nodes[0])
+    stands = [term for term in way.constraints if term.label == "Stands"]
+    fixed = np.flatnonzero(stands[0].term.coordinates)
+    np.testing.assert_array_equal(fixed, np.arange(MAMMAL.nx))
+    stays = next(term for term in way.costs if term.label == "Stays")
+    assert not set(np.flatnonzero(stays.coordinates)) & set(fixed)
+    compiled = CompiledProblem([way])
+    at = compiled.evaluate(compiled.unknowns(np.vstack([nodes[:1], nodes])[None]))
+    assert at.terms[0, :, way.costs.index(stays)].sum() == pytest.approx(0.0, abs=1e-12)
+
+
 def test_a_tall_object_falls_over_sooner_and_its_tilt_is_dearer() -> None:
     low, tall = (
         task_of(octo.objects.box((0.3, 0.4, z), 1.5, (0.5, 0.2, z / 2)), (1.5, 0.2))

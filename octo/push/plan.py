@@ -24,6 +24,7 @@ from octo.result.solution import Solution
 GAP = 0.02  # ℓ, between the foremost point of the walk and the object
 SHORTER = 0.02  # ℓ, by which the load of the object shortens the rod at first …
 DAMPING = 0.6  # √(ℓ/g), … and what its damping is in parts of that
+STAYS = 100.0  # of the square of how far the object is moved by the way to it, over all steps
 TILT = 10.0  # of the sine of the object's tilt, in parts of that at which it falls over, squared
 
 
@@ -151,17 +152,35 @@ class Plan:
         has multipliers that grow 2.5-fold with every step since the object was let go, to 1e6, and
         a solve stalls.
         """
-        task, first = self.task, self.task.first
+        first = self.task.first
         target = start.copy()
         places = [self.base, self.base + 1, first, first + 1]
         target[places] += (self.nodes[-1] - self.nodes[0])[places]
-        robot, thing = np.zeros((2, len(start)))
-        robot[: task.robot.nx] = 1.0
-        thing[[first, first + 1] if task.rolls else [first, first + 1, first + 3]] = 1.0
+        robot, thing = self._ended()
         return [
             PoseTarget(target=target, coordinates=robot, at=(-2, -1), name="Stands"),
             PoseTarget(target=target, coordinates=thing, at="last", name="Place"),
         ]
+
+    def approach(self, nodes: Array) -> Problem:
+        """A motion from ``nodes[0]`` to rest at ``nodes[-1]``, (N+1, nx), that leaves the object
+        where it is: what ``nodes`` are the first guess of."""
+        robot, thing = self._ended()
+        last = self.problem(STAGES[-1])
+        stands = PoseTarget(target=nodes[-1], coordinates=robot, at=(-2, -1), name="Stands")
+        # priced: what nobody touches stays by itself, and would be fixed twice
+        stays = PoseTarget(target=nodes[-1], coordinates=thing, weight=STAYS, name="Stays")
+        costs = [*last.costs, stays]
+        own = {"x0": nodes[0], "pose": None, "constraints": [stands]}
+        return last.replace(steps=len(nodes) - 1, costs=costs, **own)
+
+    def _ended(self) -> tuple[Array, Array]:
+        """(nx,) 1 for the coordinates of the robot, and of the object, that are fixed at an end."""
+        task, first = self.task, self.task.first
+        robot, thing = np.zeros((2, len(self.nodes[0])))
+        robot[: task.robot.nx] = 1.0
+        thing[[first, first + 1] if task.rolls else [first, first + 1, first + 3]] = 1.0
+        return robot, thing
 
     @property
     def _rod(self) -> float:

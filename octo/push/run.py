@@ -168,11 +168,13 @@ def _behind(plan: Plan, best: Solution, budget: Budget) -> Solution:
     nodes[:, : task.robot.nx] = way.x[1:]
     nodes[:, base : base + 2] += begin[base : base + 2] - way.x[-1, base : base + 2]
     nodes[:, base + 3] += begin[base + 3] - way.x[-1, base + 3]
-    problem = plan.problem(STAGES[-1])
-    both = np.concatenate([nodes, best.x[2:]])
-    whole = problem.replace(steps=len(both) - 1, x0=both[0], pose=None)
+    options = budget.left("the way to the object") | {"passes": None}
+    clear = solve(plan.approach(nodes), start=nodes, **options)
+    both = np.concatenate([clear.x[1:], best.x[2:]])
+    whole = plan.problem(STAGES[-1]).replace(steps=len(both) - 1, x0=both[0], pose=None)
     raw = evaluated(whole, both, Status.JOINED)
-    lawful = way.converged and best.converged and raw.violation <= JOINT * raw.weight
-    spent: dict[str, Any] = {name: getattr(way, name) + getattr(best, name) for name in SUMS}
+    lawful = clear.converged and best.converged and raw.violation <= JOINT * raw.weight
+    parts = (way, clear, best)
+    spent: dict[str, Any] = {name: sum(getattr(one, name) for one in parts) for name in SUMS}
     kept: dict[str, Any] = {name: getattr(best, name) for name in ("seed", "starts", "passes")}
     return replace(raw, status=Status.JOINED if lawful else Status.STALLED, **kept, **spent)
