@@ -210,6 +210,8 @@ def test_old_pictures_do_not_stay_beside_new_numbers(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_solve_that_is_told_to_stop_writes_its_best_iterate(number: int, tmp_path: Path) -> None:
+    if signal.getsignal(number) is signal.SIG_IGN:
+        pytest.skip("the tests run under nohup: a hang-up stops nothing there")
     words = [
         "solve",
         "mammal",
