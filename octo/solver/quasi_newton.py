@@ -13,7 +13,7 @@ from octo.arrays import Array
 from octo.problem.block_nlp import BlockNLP
 from octo.problem.evaluation import Evaluation
 from octo.solver.options import SqpOptions
-from octo.solver.rule import STAGES, Clock
+from octo.solver.rule import Clock
 from octo.solver.sqp import Monitor, Result
 from octo.solver.status import HISTORY, Status
 
@@ -42,7 +42,7 @@ def run(
         iterations=np.array([len(member.rows) for member in members]),
         factorizations=np.zeros(problem.batch, dtype=np.intp),
         history=[member.history() for member in members],
-        stages={name: clock.seconds.get(name, 0.0) for name in STAGES},
+        stages=dict(clock.seconds),
         seconds=time.perf_counter() - began,
         processor_seconds=time.process_time() - began_processor,
     )
