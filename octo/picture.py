@@ -17,7 +17,7 @@ from octo.dynamics.crowd import singles_of
 from octo.errors import ModelError, ValueRangeError
 from octo.model.figure import ARROW, Surface, ball, size, tile
 from octo.model.kinematics import body_poses, sphere_centers
-from octo.model.skins import skins
+from octo.model.skins import Skin, skins
 from octo.result.even import even
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
@@ -187,6 +187,8 @@ class Scene:
         # start and way (k, 3) m of forces
         self.arrows: list[tuple[Array, Array]] = [(np.zeros((0, 3)), np.zeros((0, 3)))]
         self.visuals = True  # characters look as their files say
+        self.colored = False  # also in their colours, and not in those of a moment
+        self.skins: list[list[Skin]] | None = None  # of the character, once it is drawn
 
     def empty(self) -> Scene:
         """The same ground, footprints and light, without characters."""
@@ -208,11 +210,17 @@ class Scene:
         x = solution.x[frame + 1]
         rotation, origin = body_poses(character, x)
         color = (1 - share) * FAR + share * NEAR
-        drawn = skins(character, self.visuals, TRIANGLES)
-        for own, R, t in zip(drawn, rotation, origin, strict=True):
+        if self.skins is None:
+            self.skins = skins(character, self.visuals, TRIANGLES)
+        for own, R, t in zip(self.skins, rotation, origin, strict=True):
             for skin in own:
-                self._add(skin.surface, R, t + shift, color)
-        centers, singles = sphere_centers(character, x), singles_of(character)
+                plain = skin.color is None or not self.colored
+                self._add(skin.surface, R, t + shift, color if plain else skin.color)
+        centers, singles, loaded = (
+            sphere_centers(character, x),
+            singles_of(character),
+            solution.loaded,
+        )
         dressed = {look.body for look in character.looks if self.visuals}
         for c, k in enumerate(character.terrain_contacts):
             if k not in singles:  # a vertex of the surface that is drawn
@@ -220,8 +228,8 @@ class Scene:
             contact = character.contacts[k]
             over = AROUND if contact.body in dressed else 1.0
             radius = over * max(1.12 * contact.radius, 0.02 * self.scale)
-            if solution.loaded[:, c].any():
-                color = LOADED_FOOT if solution.loaded[max(frame - 1, 0), c] else FOOT
+            if loaded[:, c].any():
+                color = LOADED_FOOT if loaded[max(frame - 1, 0), c] else FOOT
                 self._add(ball(np.zeros(3), radius), np.eye(3), centers[k] + shift, color)
         if frame > 0:  # the forces of a step belong to the node that ends it
             on = solution.touched[frame - 1]
