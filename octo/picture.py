@@ -41,8 +41,7 @@ TILES = (np.array([0.955, 0.955, 0.95]), np.array([0.90, 0.905, 0.91]))
 SHADOW = np.array([0.78, 0.79, 0.80])
 TRIANGLES = 2000  # of a mesh of the robot's file, about
 AROUND = 1.15  # of a foot's radius: it shows outside of the foot that the file draws
-# edge of a painted triangle, in parts of the character's size: far to near is not defined for long
-# ones
+# edge of a painted triangle, in parts of the size: far to near is not defined for long ones
 LONGEST = 0.12
 STONE = np.array([0.86, 0.84, 0.80])  # colour of the shapes of a world
 # in parts of the character's size: of the ground around its way, and of a world's shapes
@@ -186,8 +185,8 @@ class Scene:
         self.prints = np.zeros((0, 3))
         # start and way (k, 3) m of forces
         self.arrows: list[tuple[Array, Array]] = [(np.zeros((0, 3)), np.zeros((0, 3)))]
-        self.visuals = True  # characters look as their files say
-        self.colored = False  # also in their colours, and not in those of a moment
+        # characters look as their files say; not in their colours, but in those of a moment
+        self.visuals, self.colored = True, False
         self.skins: list[list[Skin]] | None = None  # of the character, once it is drawn
 
     def empty(self) -> Scene:
@@ -214,8 +213,8 @@ class Scene:
             self.skins = skins(character, self.visuals, TRIANGLES)
         for own, R, t in zip(self.skins, rotation, origin, strict=True):
             for skin in own:
-                plain = skin.color is None or not self.colored
-                self._add(skin.surface, R, t + shift, color if plain else skin.color)
+                own_color = skin.color if self.colored else None
+                self._add(skin.surface, R, t + shift, color if own_color is None else own_color)
         centers, singles, loaded = (
             sphere_centers(character, x),
             singles_of(character),
@@ -244,9 +243,8 @@ class Scene:
         if self.terrain is not None:
             shadow = corners[normal[:, 2] > 0.0].copy()
             shadow[..., 2] = self.terrain.height(shadow)
-            if (
-                self.world is not None
-            ):  # none on what is steep, where it would be a curtain, or above
+            # none on what is steep, where it would be a curtain, or above
+            if self.world is not None:
                 above = (shadow[..., 2] > corners[normal[:, 2] > 0.0][..., 2]).any(axis=1)
                 steep = np.ptp(shadow[..., 2], axis=1) > STEP * self.scale
                 shadow = shadow[~(above | steep)]

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import os
 
-from octo.checks import MOST_STEPS, asked, ending, flag, positive, whole
+from octo.checks import ANIMATED, MOST_STEPS, asked, ending, flag, positive, whole
 from octo.errors import ModelError, ProblemError, ValueRangeError
 from octo.export.bvh import write_bvh
-from octo.export.film import FILMS, write_film
+from octo.export.film import write_film
 from octo.export.gltf import write_gltf
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
 
-FORMATS = (".glb", ".bvh", *FILMS)
 FASTEST = {".gif": 50.0}  # frames a second; browsers slow a faster one down to 10
 FASTEST_OTHER = 1000.0
 
@@ -52,7 +51,7 @@ def export(
     ProblemError: ``repeat`` of a motion that is no cycle. ValueRangeError: ``fps``, ``repeat``.
     OutputError: the file cannot be written, or its ending is none of these.
     """
-    target = ending("path", path, FORMATS)
+    target = ending("path", path, ANIMATED)
     kind = target.suffix.lower()
     rate, most = positive("fps", fps, "a second"), FASTEST.get(kind, FASTEST_OTHER)
     if rate > most:

@@ -188,7 +188,8 @@ def _order(turn: Array, native: Order) -> Order:
     sine = np.abs(turn).max(axis=0)  # of the middle angle, by the outer and the inner axis
     if sine[native[0], native[2]] < STEEP:
         return native
-    return min(itertools.permutations(range(3)), key=lambda order: sine[order[0], order[2]])
+    a, b, c = min(itertools.permutations(range(3)), key=lambda axes: sine[axes[0], axes[2]])
+    return a, b, c
 
 
 def _angles(turn: Array, order: Order) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from octo.files import replacing
 from octo.model.figure import size
 from octo.model.quantities import Array
 from octo.model.skins import skins
-from octo.picture import FORCE, SHADOW, TRIANGLES, Camera, Ground, Scene
+from octo.picture import FORCE, SHADOW, Camera, Ground, Scene
 from octo.result.even import resampled
 from octo.result.solution import Solution
 
@@ -38,9 +38,9 @@ KINDS: dict[str, tuple[tuple[int, int], dict[str, Any]]] = {
         },
     ),
 }
-FILMS = tuple(KINDS)
 FINER = 2  # pixels drawn for one that is shown, along both sides
 CALM = 0.4  # s, over which the motion of the camera is smoothed
+FINE = 8000  # triangles of a mesh of the robot's file, about
 REACH = 2.6  # in parts of the character's size: the ground around its way
 TALL = 0.8  # half of the picture's height, in the same parts
 ON = 0.01  # how far a shadow is before the shape that it is on
@@ -90,7 +90,7 @@ class Film:
         heading = float(np.arctan2(*travel[::-1]) if moves else motion.yaw[0])
         self.scene = Scene(Camera.beside(heading), Ground.of(motion), scale, motion.world)
         self.scene.visuals, self.scene.colored, self.scene.reach = visuals, True, REACH * scale
-        self.scene.skins = skins(character, visuals, TRIANGLES)
+        self.scene.skins = skins(character, visuals, FINE)
         self.scene.ground_under(com)
         self.look = self.scene.camera.flat(_followed(com, fps, moves, motion.world is not None))
         rise = 0.0 if motion.world is not None else 0.5 * float(np.ptp(com[:, 2]))

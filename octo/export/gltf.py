@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo.errors import MissingExtraError
 from octo.export.moments import configurations, key_times, on_parents
@@ -131,7 +132,7 @@ class Document:
         if motion.channels:
             self.file.animations.append(motion)
 
-    def numbers(self, values: Array, target: int | None = None, bounds: bool = False) -> int:
+    def numbers(self, values: NDArray[Any], target: int | None = None, bounds: bool = False) -> int:
         """An accessor of ``values`` (k,) or (k, n) in single precision, indices as they are."""
         floats = values.dtype.kind == "f"
         block = values.astype("<f4" if floats else "<u4")

@@ -47,8 +47,7 @@ def _tiled(around: Array, scale: float, height: Callable[[Array], Array]) -> lis
     skins = []
     for odd, color in enumerate(TILES):
         own = corners[cells.sum(axis=1) % 2 == odd].reshape(-1, 2)
-        first_corner = 4 * np.arange(len(own) // 4)[:, None, None]
-        faces = (first_corner + [(0, 1, 2), (0, 2, 3)]).reshape(-1, 3)
+        faces = np.add.outer(4 * np.arange(len(own) // 4), [(0, 1, 2), (0, 2, 3)]).reshape(-1, 3)
         if len(own):
             skins.append(Skin(Surface(np.column_stack([own, height(own)]), faces), color))
     return skins

@@ -40,6 +40,7 @@ def moving(robot: Character, steps: int = STEPS, dt: float = DT, **fields: Any) 
     if robot.base == "floating":
         first = robot.base_coordinate
         x[:, first] += 0.5 * times[:, 0]
+        x[:, first + 2] = robot.start_pose[first + 2] + 0.1 * x[:, first + 2]
         x[:, first + 3] += 4.0 * np.pi * times[:, 0] / (steps * dt)
     contacts = len(robot.terrain_contacts)
     weight = 9.81 * robot.mass

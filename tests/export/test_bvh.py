@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import bvhio
-import mujoco
 import moving
+import mujoco
 import numpy as np
 import pytest
 from robot_files import go2
@@ -101,7 +101,9 @@ def test_hinges_about_several_points_and_a_fixed_base(tmp_path: Path) -> None:
 def test_angles_do_not_leap(tmp_path: Path) -> None:
     """Two turns about the vertical, and a somersault, in which the angles of the base's own chart
     do."""
-    ball = tuple(Joint(f"ball_{c}", "hinge", axis) for c, axis in zip("xyz", np.eye(3), strict=True))
+    ball = tuple(
+        Joint(f"ball_{c}", "hinge", axis) for c, axis in zip("xyz", np.eye(3), strict=True)
+    )
     robot = Character(
         "tumbler",
         (
@@ -151,4 +153,6 @@ def test_two_robots_that_stand_are_limbs_of_one_root(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["a"], np.tile([0.0, 0.0, -1.0], (9, 1)), atol=1e-6)
     np.testing.assert_allclose(rows(tmp_path / "m.bvh")[:, :6], 0.0)
     angles = np.radians(rows(tmp_path / "m.bvh")[:, 6:])
-    np.testing.assert_allclose(np.abs(angles).sum(axis=1), np.abs(motion.x[1:]).sum(axis=1), atol=1e-6)
+    np.testing.assert_allclose(
+        np.abs(angles).sum(axis=1), np.abs(motion.x[1:]).sum(axis=1), atol=1e-6
+    )
