@@ -176,7 +176,8 @@ class Scene:
         self.camera, self.terrain, self.scale, self.world = camera, ground, scale, world
         light = -0.45 * camera.axes[0] - 0.55 * camera.axes[2] + np.array([0.0, 0.0, 0.9])
         self.light = light / np.linalg.norm(light)
-        self.reach = (REACH if world is None else WIDE) * scale  # m, of the ground around the way
+        # m, of the ground around the way, and of a triangle of a shape
+        self.reach, self.fine = (REACH if world is None else WIDE) * scale, FINE * scale
         self.bodies: list[tuple[Array, Array]] = []  # (f, 3, 3) m and (f, 3) colours
         self.shapes: list[tuple[Array, Array]] = []  # of the world: the same
         self.floors: list[Drawn] = []  # its planes
@@ -307,7 +308,7 @@ class Scene:
     def _add_part(self, corners: Array, colors: Array, path: Array, faded: bool = True) -> None:
         """Triangles (f, 3, 3) m in colours (f, 3), cut fine; ``faded``: the colours are so
         already."""
-        corners, colors = near(corners, colors, path, self.reach, FINE * self.scale)
+        corners, colors = near(corners, colors, path, self.reach, self.fine)
         fade = np.ones(len(corners)) if faded else self._fade(corners.mean(axis=1)[:, :2], path)
         for floor in () if faded else self.floors:  # what is buried is not seen from above
             level = floor.height(corners[..., :2].reshape(-1, 2)).reshape(-1, 3)
@@ -362,10 +363,8 @@ class Scene:
             parts, tints = (np.concatenate(part) for part in zip(*self.shapes, strict=True))
             corners = np.concatenate([parts, shadows, corners])
             colors = np.concatenate([tints, np.broadcast_to(SHADOW, (len(shadows), 3)), colors])
-            fine, lower = FINE * self.scale, depth(parts.mean(axis=1))
-            away = np.concatenate(
-                [lower + 1.5 * fine, depth(shadows.mean(axis=1)) + 0.5 * fine, away]
-            )
+            lower, shade = depth(parts.mean(axis=1)), depth(shadows.mean(axis=1))
+            away = np.concatenate([lower + 1.5 * self.fine, shade + 0.5 * self.fine, away])
         order = np.argsort(-away, kind="stable")
         paint(flat(corners[order]), colors[order], 5)
         starts, ways = (flat(np.concatenate(part)) for part in zip(*self.arrows, strict=True))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 
-from octo.checks import ANIMATED, MOST_STEPS, asked, ending, flag, positive, whole
-from octo.errors import ModelError, ProblemError, ValueRangeError
+from octo.checks import ANIMATED, MOST_STEPS, asked, ending, flag, numbers, positive, whole
+from octo.errors import ModelError, OutputError, ProblemError, ValueRangeError
 from octo.export.bvh import write_bvh
 from octo.export.film import write_film
 from octo.export.gltf import write_gltf
@@ -48,11 +48,14 @@ def export(
     ------
     MissingExtraError: the library of that format is not installed. ModelError: user-written
         dynamics have no bodies; BVH has no joints that slide.
-    ProblemError: ``repeat`` of a motion that is no cycle. ValueRangeError: ``fps``, ``repeat``.
+    ProblemError: ``repeat`` of a motion that is no cycle. ValueRangeError: ``fps``, ``repeat``, a
+        motion that is not finite.
     OutputError: the file cannot be written, or its ending is none of these.
     """
     target = ending("path", path, ANIMATED)
     kind = target.suffix.lower()
+    if target.is_dir():
+        raise OutputError(f"path is {str(target)!r}, which is a folder, must be a file's")
     rate, most = positive("fps", fps, "a second"), FASTEST.get(kind, FASTEST_OTHER)
     if rate > most:
         raise ValueRangeError(f"fps is {rate:g}, must be at most {most:g} of a {kind} file")
@@ -62,6 +65,7 @@ def export(
         raise ModelError(
             "export needs a character: a motion of user-written dynamics has no bodies"
         )
+    numbers("x of the motion", motion.x)
     if kind == ".glb":
         write_gltf(motion, target, rate, looks)
     elif kind == ".bvh":

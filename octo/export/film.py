@@ -42,6 +42,7 @@ FINER = 2  # pixels drawn for one that is shown, along both sides
 CALM = 0.4  # s, over which the motion of the camera is smoothed
 FINE = 8000  # triangles of a mesh of the robot's file, about
 REACH = 2.6  # in parts of the character's size: the ground around its way
+PIECE = 0.15  # of a shape that fades with the distance from the way, in the same parts
 TALL = 0.8  # half of the picture's height, in the same parts
 ON = 0.01  # how far a shadow is before the shape that it is on
 
@@ -90,6 +91,7 @@ class Film:
         heading = float(np.arctan2(*travel[::-1]) if moves else motion.yaw[0])
         self.scene = Scene(Camera.beside(heading), Ground.of(motion), scale, motion.world)
         self.scene.visuals, self.scene.colored, self.scene.reach = visuals, True, REACH * scale
+        self.scene.fine = PIECE * scale
         self.scene.skins = skins(character, visuals, FINE)
         self.scene.ground_under(com)
         self.look = self.scene.camera.flat(_followed(com, fps, moves, motion.world is not None))
@@ -110,7 +112,8 @@ class Film:
         pen = self.pen.Draw(picture)
         self._polygons(pen, k, self.tiles, self.tints)
         shadows = np.concatenate([np.zeros((0, 3, 3)), *scene.shadows])
-        corners, colors = (np.concatenate(part) for part in zip(*scene.bodies, strict=True))
+        bodies = [(np.zeros((0, 3, 3)), np.zeros((0, 3))), *scene.bodies]
+        corners, colors = (np.concatenate(part) for part in zip(*bodies, strict=True))
         away = self._away(corners)
         if scene.world is None:
             self._polygons(pen, k, shadows, np.broadcast_to(SHADOW, (len(shadows), 3)))

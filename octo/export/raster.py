@@ -26,6 +26,8 @@ def draw(
     line: pixels, half of the thickness of a triangle that is only an edge, whose last two corners
         are the same.
     """
+    seen = ((corners.max(axis=1) > 0.0) & (corners.min(axis=1) < image.shape[1::-1])).all(axis=1)
+    corners, away, colors = corners[seen], away[seen], colors[seen]
     thin = (corners[:, 1] == corners[:, 2]).all(axis=1)
     if thin.any():
         corners = np.concatenate([corners[~thin], _thick(corners[thin], line)])

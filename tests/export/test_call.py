@@ -107,6 +107,15 @@ def test_what_is_refused(
     assert not list(tmp_path.iterdir())
 
 
+def test_a_folder_and_a_motion_that_is_not_finite_are_refused(tmp_path: Path) -> None:
+    motion = moving.moving(octo.gallery.chain(), 2)
+    with pytest.raises(OutputError, match="which is a folder"):
+        octo.export(motion, (tmp_path / "m.glb").mkdir() or tmp_path / "m.glb")
+    motion.x[2, 4] = np.nan
+    with pytest.raises(ValueRangeError, match="x of the motion is not finite at index 2, 4"):
+        octo.export(motion, tmp_path / "m.bvh")
+
+
 def test_a_cycle_that_would_not_end_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueRangeError, match=r"repeat is 10+, must be at most 250000 of this"):
         octo.export(stride(False), tmp_path / "m.bvh", repeat=10**8)
