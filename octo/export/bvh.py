@@ -184,12 +184,12 @@ def _native(character: Character, bone: Bone) -> Order:
 
 def _order(turn: Array, native: Order) -> Order:
     """The joint's own order, unless its middle angle comes near a right angle, where the other two
-    cannot be told apart: then the order that stays farthest from there."""
+    cannot be told apart, and leap if these are not the hinges': then the one that stays farthest
+    from there, if any does."""
     sine = np.abs(turn).max(axis=0)  # of the middle angle, by the outer and the inner axis
-    if sine[native[0], native[2]] < STEEP:
-        return native
     a, b, c = min(itertools.permutations(range(3)), key=lambda axes: sine[axes[0], axes[2]])
-    return a, b, c
+    steep = sine[native[0], native[2]] >= STEEP
+    return (a, b, c) if steep and sine[a, c] < STEEP else native
 
 
 def _angles(turn: Array, order: Order) -> NDArray[np.float64]:

@@ -44,7 +44,7 @@ def write_gltf(motion: Trajectory, target: Path, fps: float, visuals: bool) -> N
         ]
         times = key_times(motion, fps, np.array(reach))
         turn, place = on_parents(character, configurations(motion, times))
-        turn = _continuous(turn)[..., [1, 2, 3, 0]]
+        turn = turn[..., [1, 2, 3, 0]]
         meshes = [
             document.mesh(body.name, parts)
             for body, parts in zip(character.bodies, own, strict=True)
@@ -74,14 +74,6 @@ def _add_bodies(
         if body.parent >= 0:
             children[body.parent].insert(0, nodes[b])
     return nodes
-
-
-def _continuous(turn: Array) -> Array:
-    """Quaternions (k, ..., 4) whose signs are those of the moment before: the way from each to the
-    next is the short one."""
-    opposite = np.sum(turn[1:] * turn[:-1], axis=-1, keepdims=True) < 0.0
-    sign = np.cumprod(np.where(opposite, -1.0, 1.0), axis=0)
-    return np.concatenate([turn[:1], sign * turn[1:]])
 
 
 class Document:
