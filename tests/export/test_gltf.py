@@ -13,6 +13,7 @@ import numpy as np
 import pygltflib
 import pytest
 import trimesh
+from robot_files import go2
 from scipy.spatial.transform import Rotation
 
 import octo
@@ -97,6 +98,7 @@ ROBOTS: dict[str, Callable[[], Character]] = {
     "chain": octo.gallery.chain,
     "zxy": moving.other_chart,
     "scene": moving.pushing,
+    "go2": go2,
 }
 
 
