@@ -33,6 +33,7 @@ _NAMES = {  # by the module that defines them
     "octo.dynamics.evaluate": "CustomDynamics",
     "octo.dynamics.simulate": "simulate",
     "octo.explain": "explain",
+    "octo.gains": "gains",
     "octo.get_up": "get_up",
     "octo.goals": "Goal",
     "octo.jump": "jump",
@@ -140,6 +141,7 @@ if TYPE_CHECKING:
     from octo.dynamics.evaluate import CustomDynamics as CustomDynamics
     from octo.dynamics.simulate import simulate as simulate
     from octo.explain import explain as explain
+    from octo.gains import gains as gains
     from octo.get_up import get_up as get_up
     from octo.goals import Goal as Goal
     from octo.jump import jump as jump

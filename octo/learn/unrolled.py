@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from octo.checks import Array
+from octo.gains import at_stiffness
 from octo.learn.losses import one_step, recurrent, with_decay
 from octo.learn.training import controls
 from octo.learn.transition import Transition
@@ -13,8 +14,6 @@ from octo.problem.problem import Problem
 from octo.result.solution import Solution
 from octo.solve import evaluated
 from octo.solver.status import Status
-
-CONTACT = "contact."  # how the names of a contact law's parameters begin
 
 
 def losses_of(transition: Transition, given: Array, decay: float) -> tuple[float, float]:
@@ -33,12 +32,6 @@ def unrolled_error(transition: Transition, given: Array) -> float | None:
     with np.errstate(over="ignore", invalid="ignore"):
         error, _ = recurrent(transition.network, transition.frame, given[None])(transition.weights)
     return error if np.isfinite(error) else None
-
-
-def at_stiffness(problem: Problem, motion: Solution) -> Problem:
-    """The problem with the contact law that a motion was solved with."""
-    own = {k: v for k, v in motion.parameters.items() if k.startswith(CONTACT)}
-    return problem.replace(parameters=own) if own else problem
 
 
 def unrolled(problem: Problem, transition: Transition, motion: Solution) -> Solution | None:
