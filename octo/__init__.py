@@ -37,6 +37,7 @@ _NAMES = {  # by the module that defines them
     "octo.get_up": "get_up",
     "octo.goals": "Goal",
     "octo.jump": "jump",
+    "octo.library": "Library library",
     "octo.model.character": "Character",
     "octo.model.describe": "describe",
     "octo.model.element": "DryFriction Element SpringDamper",
@@ -145,6 +146,8 @@ if TYPE_CHECKING:
     from octo.get_up import get_up as get_up
     from octo.goals import Goal as Goal
     from octo.jump import jump as jump
+    from octo.library import Library as Library
+    from octo.library import library as library
     from octo.model import gallery as gallery
     from octo.model import kinematics as kinematics
     from octo.model import objects as objects
