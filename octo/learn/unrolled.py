@@ -6,10 +6,9 @@ import numpy as np
 
 from octo.checks import Array
 from octo.gains import at_stiffness
+from octo.learn.controls import controls, count_of, nodes_of
 from octo.learn.losses import one_step, recurrent, with_decay
-from octo.learn.training import controls
 from octo.learn.transition import Transition
-from octo.problem.basis import Hermite, node_values
 from octo.problem.problem import Problem
 from octo.result.solution import Solution
 from octo.solve import evaluated
@@ -43,17 +42,8 @@ def unrolled(problem: Problem, transition: Transition, motion: Solution) -> Solu
     problem: whose terms and laws of physics it is measured by; a fixed end is left out.
     transition: with weights. motion: whose first control and contact law it has.
     """
-    given = controls(motion)
-    basis, steps = problem.basis_object, int(problem.steps)
-    segments = steps // basis.steps_per_segment if isinstance(basis, Hermite) else steps
-    made = transition.unroll(given[0], segments)
+    own = at_stiffness(problem.replace(x_end=None, v_end=None, displacement=None), motion)
+    made = transition.at(problem).unroll(controls(motion)[0], count_of(problem))
     if not np.isfinite(made).all():
         return None
-    own = at_stiffness(problem.replace(x_end=None, v_end=None, displacement=None), motion)
-    n = problem.dynamics.nx
-    nodes = made[:, :n]
-    if isinstance(basis, Hermite):
-        unknowns = np.vstack([made[1:], np.zeros((1, 2 * n))])[None]
-        constant = basis.constant(steps, motion.x[None, 1], motion.x[None, 0])
-        nodes = node_values(basis.stencil(steps), unknowns, constant)[0, 1:]
-    return evaluated(own, nodes, Status.UNROLLED)
+    return evaluated(own, nodes_of(problem, made), Status.UNROLLED)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from octo.checks import Array, numbers
-from octo.errors import OctoError, ProblemError, ShapeError, UnknownNameError
+from octo.errors import OctoError, ProblemError, ShapeError
 from octo.problem.phases import Phases
 from octo.problem.problem import Problem
 from octo.problem.terms import Term
@@ -70,20 +70,6 @@ def commands_of(problems: Sequence[Problem]) -> dict[str, Array]:
         if (table != table[0]).any():
             found[name] = table
     return found
-
-
-def command_of(problem: Problem, names: Sequence[str]) -> Array:
-    """(size,) the numbers of these names, one behind the other.
-
-    Raises
-    ------
-    UnknownNameError: the problem has none of this name.
-    """
-    told = numbers_of(problem)
-    for name in names:
-        if name not in told:
-            raise UnknownNameError("command", name, told)
-    return flat([told[name] for name in names])
 
 
 def flat(values: Sequence[Array]) -> Array:

@@ -24,7 +24,7 @@ from octo.library.work import Done, Failed, Task, begin, work
 from octo.problem.phased import check_all_alike
 from octo.problem.problem import Problem
 from octo.progress import Progress, check_progress
-from octo.solve import Start, Usual
+from octo.solve import Guess, Start, Usual
 from octo.starts import starts_of
 
 BATCH = 8  # problems: enough for the vectors of a step, few enough for Ctrl-C and for two processes
@@ -79,15 +79,9 @@ def library(
     """
     given = check_plain(problems)
     progress = _check(given, executor, batch, gains, how)
-    starts = starts_of(start, given, 1)
     options = {**how, "seeds": seeds, "seed": seed, "progress": False}
     del options["callback"]
-    tasks = [
-        Task(
-            k // batch, k, tuple(given[k : k + batch]), tuple(starts[k : k + batch]), options, gains
-        )
-        for k in range(0, len(given), batch)
-    ]
+    tasks = _tasks(given, starts_of(start, given, 1), batch, options, gains)
     commands = commands_of(given)
     kept = None if folder is None else Folder(folder, record_of(given, tasks, batch))
     parts = _Parts(kept, Progress(progress) if progress is not None else None, len(given))
@@ -99,6 +93,21 @@ def library(
         if not parts.parts:
             raise
     return joined(parts.parts, commands, len(given))
+
+
+def _tasks(
+    problems: Sequence[Problem],
+    starts: Sequence[Guess],
+    batch: int,
+    how: dict[str, Any],
+    gains: bool,
+) -> list[Task]:
+    """The batches."""
+    made = []
+    for number, k in enumerate(range(0, len(problems), batch)):
+        own = tuple(problems[k : k + batch]), tuple(starts[k : k + batch])
+        made.append(Task(number, k, *own, how, gains))
+    return made
 
 
 def _check(

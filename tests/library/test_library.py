@@ -206,7 +206,7 @@ if __name__ == "__main__":
 
 
 def script(tmp_path: Path, environment: dict[str, str], text: str = SCRIPT) -> subprocess.Popen:
-    here = str(Path(__file__).parent)
+    here = str(Path(__file__).parents[1])
     file = tmp_path / "script.py"
     file.write_text(text.format(here=here, folder=str(tmp_path / "ways")))
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
