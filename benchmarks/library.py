@@ -66,12 +66,21 @@ def walk(robot: octo.Character, speed: float, turn: float = 0.0) -> octo.Problem
     return octo.Problem(robot, steps=STEPS, dt=DT, basis="hermite", costs=costs)
 
 
-def bases(robot: octo.Character) -> dict[float, octo.Solution]:
-    """Straight ahead, each from its neighbour."""
-    start: Any = octo.walk(robot, speed=BASES[0], seconds=STEPS * DT)
+def bases(robot: octo.Character, folder: Path | None) -> dict[float, octo.Solution]:
+    """Straight ahead, each from its neighbour; those that the folder has are read."""
+    files = [None if folder is None else folder / f"base_{speed:g}.npz" for speed in BASES]
+    start: Any = None
+    if files[0] is None or not files[0].exists():
+        start = octo.walk(robot, speed=BASES[0], seconds=STEPS * DT)
     found = {}
-    for speed in BASES:
-        start = octo.solve(walk(robot, speed), start=start, max_iterations=ITERATIONS)
+    for speed, file in zip(BASES, files, strict=True):
+        if file is not None and file.exists():
+            start = octo.Solution.load(file)
+        else:
+            start = octo.solve(walk(robot, speed), start=start, max_iterations=ITERATIONS)
+            if file is not None:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                start.save(file)
         found[speed] = start
         print(f"base {speed} m/s: {start.status.label}, {start.iterations} iterations", flush=True)
     return found
@@ -102,7 +111,8 @@ def made(
     robot: octo.Character, problems: list[octo.Problem], folder: Path | None
 ) -> tuple[octo.Library, dict[str, Any]]:
     """The library, and what is known of it."""
-    found = bases(robot)
+    found = bases(robot, folder)
+    begun = folder is not None and any(folder.glob("batch-*.npz"))
     starts = [nearest_base(found, problem) for problem in problems]
     began, spent = time.perf_counter(), processor()
     how: dict[str, Any] = {"max_iterations": ITERATIONS, "device": "cpu", "progress": True}
@@ -117,8 +127,9 @@ def made(
         "statuses": dict(Counter(motion.status.label for motion in library)),
         "iterations_median": float(np.median(library.iterations)),
         "violation_largest_converged": max(m.violation for m in library if m.converged),
-        "seconds": time.perf_counter() - began,
-        "processor_seconds": processor() - spent,
+        # of solves that were done before nothing but their own processor time is known
+        "seconds": None if begun else time.perf_counter() - began,
+        "processor_seconds": None if begun else processor() - spent,
         "solver_seconds": library.seconds,
         "speeds": library.commands[SPEED][:, 0].tolist(),
         "turns": library.commands[RATE][:, 0].tolist(),
@@ -201,7 +212,7 @@ def main(words: Sequence[str] | None = None) -> int:
     problems = grid(robot, 3, 2) if asked.short else grid(robot, 20, 10)
     library, of_library = made(robot, problems, asked.folder)
     print(library, flush=True)
-    training = trained(library, (32, 32) if asked.short else (64, 64), 60 if asked.short else 1500)
+    training = trained(library, (32, 32) if asked.short else (64, 64), 60 if asked.short else 600)
     of_training = {
         "motions": int(library.converged.sum()),
         "weights": training.transition.network.count,

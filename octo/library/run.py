@@ -7,8 +7,7 @@ import multiprocessing
 import os
 import pickle
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from typing import Any
 
@@ -28,9 +27,10 @@ from octo.solve import Guess, Start, Usual
 from octo.starts import starts_of
 
 BATCH = 8  # problems: enough for the vectors of a step, few enough for Ctrl-C and for two processes
-GUARD = (
+BROKEN = (
     "the processes ended before their work did: call octo.library under "
-    "if __name__ == '__main__': in a script, or give executor="
+    "if __name__ == '__main__': in a script, and write functions of yours in a module that they "
+    "can import; or give executor="
 )
 
 
@@ -173,9 +173,11 @@ def _run(tasks: Sequence[Task], executor: Executor | None, parts: _Parts) -> Non
         futures: dict[Future[Any], Task] = {}
         try:
             for task in tasks:
-                futures[own.submit(work, task)] = task
+                futures[_sent(own, task)] = task
             for future in as_completed(futures):
                 _take(futures[future], future, parts)
+        except BrokenExecutor:
+            raise ProblemError(BROKEN) from None
         except KeyboardInterrupt:
             for future, task in futures.items():
                 if future.done() and not parts.has(task):
@@ -186,6 +188,22 @@ def _run(tasks: Sequence[Task], executor: Executor | None, parts: _Parts) -> Non
                 stop.set()
             for future in futures:
                 future.cancel()
+
+
+def _sent(executor: Executor, task: Task) -> Future[Any]:
+    """A task on its way.
+
+    Raises
+    ------
+    ProblemError: what the executor gives back is no such future.
+    """
+    future = executor.submit(work, task)
+    if not isinstance(future, Future):
+        raise ProblemError(
+            f"executor.submit returned {said(future)}, must return a concurrent.futures.Future: "
+            "of a Dask client take client.get_executor()"
+        )
+    return future
 
 
 def _take(task: Task, future: Future[Any], parts: _Parts) -> None:
@@ -205,8 +223,6 @@ def _take(task: Task, future: Future[Any], parts: _Parts) -> None:
 def _result(future: Future[Any]) -> Any:
     try:
         return future.result()
-    except BrokenProcessPool:
-        raise ProblemError(GUARD) from None
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         raise ProblemError(
             f"the problems cannot be sent to another process: {error}; write functions at the top "

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -272,6 +272,18 @@ def unsendable() -> octo.Problem:
     return way(0.5).replace(costs=[octo.CustomCost(lambda step, p: step.x_next, {})])
 
 
+class Client:
+    """Of Dask, whose futures are of a kind of their own."""
+
+    def submit(self, function, task):
+        return object()
+
+
+class Broken(ThreadPoolExecutor):
+    def submit(self, function, /, *given, **named) -> Future:
+        raise BrokenExecutor("gone")
+
+
 def damaged(folder: Path) -> Path:
     (folder / "library.json").write_text("[")
     return folder
@@ -286,6 +298,8 @@ REFUSED = [
     (lambda t: octo.library(ways(), batch=0), "batch is 0"),
     (lambda t: octo.library(ways(), gains=1), "gains is 1"),
     (lambda t: octo.library(ways(), executor=3), "executor is 3, must be a concurrent"),
+    (lambda t: octo.library(ways(), executor=Client()), "executor.submit returned an object"),
+    (lambda t: octo.library(ways(), executor=Broken()), "the processes ended before their work"),
     (lambda t: octo.library(ways(), callback=print), "callback is given"),
     (lambda t: octo.library(ways(), device="tpu"), "tpu"),
     (lambda t: octo.library(ways(), start=[None]), "start has shape (1,)"),
