@@ -43,6 +43,10 @@ def test_each_motion_is_that_of_its_problem(library: octo.Library) -> None:
     assert "5 motions of custom" in str(library) and "Place.place 0.2…1" in str(library)
 
 
+def test_a_notebook_shows_a_table(library: octo.Library) -> None:
+    assert "library of 5 motions of custom" in library._repr_html_()
+
+
 def test_whatever_differs_is_a_command() -> None:
     second = way(0.2, x0=np.array([0.1, 0.0]), parameters={"length": 0.6}, dt=0.04)
     made = octo.library([way(0.2), second], executor=one(), max_iterations=2)
@@ -107,6 +111,15 @@ def test_a_robots_file_too(tmp_path) -> None:
     assert again[1].character.nx == robot.nx and again[0].character is again[1].character
     np.testing.assert_array_equal(again[1].contact_force, made[1].contact_force)
     assert set(again[0].ground) == {"x", "y", "z"}
+
+
+def test_a_solve_that_failed_is_kept_as_what_it_is(tmp_path) -> None:
+    far = way(0.5, x0=np.array([1e200, 0.0]))
+    made = octo.library([way(0.2), far], executor=one(), max_iterations=9)
+    made.save(tmp_path / "two.npz")
+    again = octo.Library.load(tmp_path / "two.npz")
+    assert [motion.status.label for motion in again] == ["converged", "not_finite"]
+    assert again.share == 0.5 and again.nearest(way(0.5)) is again[0]
 
 
 def test_starts_and_seeds(library: octo.Library) -> None:
