@@ -6,8 +6,9 @@ The mammal from rest, three seconds in Hermite (twelve segments), at speeds of â
 its heading and turns of âˆ’0.5 to 0.5 rad/s. So that all walks are of one family each starts from one
 of five base motions, straight ahead, of which the first one is solved from ``octo.walk`` and each
 of the others from its neighbour. Then a transition with speed and turn among its inputs is trained
-on the library, and twenty walks of random speeds and turns between are solved from three starts:
-the static pose (the default), the nearest motion of the library, and the network unrolled.
+on the library, and twenty walks of random speeds and turns between are solved from four starts:
+the static pose (the default), the nearest motion of the library, with its multipliers and without,
+and the network unrolled.
 """
 
 from __future__ import annotations
@@ -151,9 +152,11 @@ def compared(
     random = np.random.default_rng(0)
     pairs = random.uniform((-FASTEST, -TURN), (FASTEST, TURN), (count, 2)).tolist()
     problems = [walk(robot, *pair) for pair in pairs]
+    nearest = [library.nearest(problem) for problem in problems]
     starts: dict[str, Any] = {
         "static": None,
-        "nearest": [library.nearest(problem) for problem in problems],
+        "nearest": nearest,  # with its multipliers
+        "nearest_nodes": [motion.x[1:] for motion in nearest],
         "network": network,
     }
     found: dict[str, Any] = {"commands": pairs}
@@ -189,12 +192,14 @@ def draw(record: dict[str, Any], path: Path) -> None:
     if not good.all():
         left.legend(fontsize="small")
     unseen = record["unseen"]
-    names = ["static", "nearest", "network"]
+    names = ["static", "nearest", "nearest_nodes", "network"]
     for k, name in enumerate(names):
         counts = np.sort(unseen[name]["iterations"])
         right.plot(np.full(len(counts), k) + np.linspace(-0.2, 0.2, len(counts)), counts, ".")
         right.hlines(unseen[name]["iterations_median"], k - 0.3, k + 0.3, color="black")
-    right.set_xticks(range(len(names)), ["static pose", "nearest motion", "network"])
+    right.set_xticks(
+        range(len(names)), ["static pose", "nearest\nmotion", "its nodes\nalone", "network"]
+    )
     right.set(ylabel="iterations", title=f"{len(unseen['commands'])} unseen walks", ylim=(0, None))
     figure.savefig(path, dpi=120)
 
