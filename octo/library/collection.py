@@ -115,7 +115,8 @@ class Library(Shown):
     @cached_property
     def _spread(self) -> Array:
         table = np.stack([self._flat(k) for k in range(len(self))])
-        spread = table.std(axis=0)
+        with np.errstate(over="ignore"):  # of numbers as large as can be
+            spread = table.std(axis=0)
         return np.where(spread > 0.0, spread, 1.0)
 
     def _flat(self, k: int) -> Array:
