@@ -34,9 +34,11 @@ _NAMES = {  # by the module that defines them
     "octo.dynamics.simulate": "simulate",
     "octo.explain": "explain",
     "octo.export": "export",
+    "octo.gains": "gains",
     "octo.get_up": "get_up",
     "octo.goals": "Goal",
     "octo.jump": "jump",
+    "octo.library": "Library library",
     "octo.model.character": "Character",
     "octo.model.describe": "describe",
     "octo.model.element": "DryFriction Element SpringDamper",
@@ -142,9 +144,12 @@ if TYPE_CHECKING:
     from octo.dynamics.simulate import simulate as simulate
     from octo.explain import explain as explain
     from octo.export import export as export
+    from octo.gains import gains as gains
     from octo.get_up import get_up as get_up
     from octo.goals import Goal as Goal
     from octo.jump import jump as jump
+    from octo.library import Library as Library
+    from octo.library import library as library
     from octo.model import gallery as gallery
     from octo.model import kinematics as kinematics
     from octo.model import objects as objects

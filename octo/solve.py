@@ -34,13 +34,13 @@ from octo.solver.clocks import as_long_as
 from octo.solver.options import SqpOptions
 from octo.solver.sqp import Iterate, Monitor
 from octo.solver.status import Status
-from octo.starts import first_multipliers, first_nodes, first_slacks, starts_of
+from octo.starts import Starter, first_multipliers, first_nodes, first_slacks, starts_of
 
 # (n, n) of a step, or of each part of a unit with each other, about: derivatives of FD, E and C,
 # and the factors
 BLOCKS = 20
 MOST_STARTS, MOST_THREADS, LARGEST_SEED = 100_000, 1024, 2**64 - 1
-Guess = Solution | Array | str | os.PathLike[str] | None
+Guess = Solution | Starter | Array | str | os.PathLike[str] | None
 Start = Guess | Sequence[Guess]
 
 
@@ -103,9 +103,10 @@ def solve(
     problem: one problem, or several of one structure (same robot, terms, basis, steps) that are
         solved as one batch. In place of a problem also what :func:`octo.phases` makes.
     start: a Solution (or the path of its file or folder), or nodes x_0 … x_N (N+1, nx), to start
-        from instead of the static pose with noise; of several problems one for all, or a list of
-        one for each. With another number of steps than the problem's it is resampled: the whole of
-        it over the whole of the problem.
+        from instead of the static pose with noise, or an octo.learn.Transition, which is unrolled
+        from where the problem begins; of several problems one for all, or a list of one for each.
+        With another number of steps than the problem's a motion is resampled: the whole of it over
+        the whole of the problem.
     passes: how many passes of growing contact stiffness; four by default, one where the caller set
         the stiffness.
     seeds: starts, solved as one batch; ``seed`` is the first one's number. The converged one of

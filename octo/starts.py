@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
@@ -29,7 +30,15 @@ SWINGS = 0.02  # m/rad, by which a joint must move its foot forward to be one th
 CYCLE_NOISE = 0.1  # rad and m, of a cycle's first harmonic
 
 
-def first_nodes(problem: Described, seed: int, start: Solution | Array | None) -> Array:
+class Starter(ABC):
+    """What makes the start of a problem, as a learned transition does."""
+
+    @abstractmethod
+    def start_of(self, problem: Described) -> Array:
+        """x_0 … x_N (N+1, nx), rad and m."""
+
+
+def first_nodes(problem: Described, seed: int, start: Solution | Starter | Array | None) -> Array:
     """x_{-1} … x_N (N+2, nx): the start held still with smooth noise on the actuated coordinates,
     or what the user gave."""
     if isinstance(problem, Problem) and problem.closure is not None:
@@ -45,7 +54,7 @@ def first_nodes(problem: Described, seed: int, start: Solution | Array | None) -
 
 
 def _first_cycle(
-    problem: Problem, closure: Closure, seed: int, start: Solution | Array | None
+    problem: Problem, closure: Closure, seed: int, start: Solution | Starter | Array | None
 ) -> Array:
     """x_{-1} … x_N (N+2, nx) of a cycle: the start carried along, with noise in the joints."""
     if start is None:
@@ -96,8 +105,10 @@ def fore_and_aft(problem: Problem) -> Array:
     return signs
 
 
-def _given_nodes(problem: Described, start: Solution | Array) -> Array:
+def _given_nodes(problem: Described, start: Solution | Starter | Array) -> Array:
     """x_0 (twice) … x_N (N+2, nx) that the user gave."""
+    if isinstance(start, Starter):
+        start = start.start_of(problem)
     given = numbers("start", start.x[1:] if isinstance(start, Solution) else start)
     if given.ndim != 2 or given.shape[1] != problem.dynamics.nx or len(given) < 2:
         rows = f"(N+1, {problem.dynamics.nx}), one row for each of two moments or more"
@@ -139,7 +150,7 @@ def smooth_noise(problem: Described, seed: int) -> Array:
 
 
 def first_multipliers(
-    starts: Sequence[Solution | Array | None], compiled: Compiled
+    starts: Sequence[Solution | Starter | Array | None], compiled: Compiled
 ) -> Array | None:
     """Those of warm starts of the same shape, zero for other members."""
     found = np.zeros((len(starts), compiled.K, compiled.ma))
@@ -150,7 +161,9 @@ def first_multipliers(
     return found if warm else None
 
 
-def first_slacks(starts: Sequence[Solution | Array | None], compiled: Compiled) -> Slacks | None:
+def first_slacks(
+    starts: Sequence[Solution | Starter | Array | None], compiled: Compiled
+) -> Slacks | None:
     """Those of warm starts with as many rows, over the steps of the problem; None where a member
     has none."""
     steps, rows = compiled.row_bounds[0].shape[1:]
@@ -180,7 +193,7 @@ def _over(values: Array, steps: int) -> Array:
 
 def starts_of(
     start: Any, problems: Sequence[Described], seeds: int
-) -> list[Solution | Array | None]:
+) -> list[Solution | Starter | Array | None]:
     """The start of each member: a list has one for each problem."""
     if not isinstance(start, (list, tuple)):
         return [_opened(start)] * (len(problems) * seeds)

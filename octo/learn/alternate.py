@@ -156,6 +156,11 @@ def _started(transition: Transition | None, problem: Problem, seed: int) -> Tran
     """A transition with weights that fits the problem."""
     own = Transition() if transition is None else transition
     instance("transition", own, Transition, "an octo.learn.Transition")
+    if own.command:
+        raise ProblemError(
+            f"Transition.command is {own.command!r}, must be left out where there is one problem: "
+            "octo.learn.train trains such a transition on an octo.Library"
+        )
     if own.weights is None:
         return own.started(problem, seed)
     own.check(problem)

@@ -31,6 +31,7 @@ class Markovian(ArrayCost):
         kind = "an octo.learn.Transition"
         instance(f"{self.label}.transition", self.transition, Transition, kind)
         self._own.known  # noqa: B018  (refuses one without weights)
+        self._own.check_told()
 
     @property
     def _own(self) -> Transition:

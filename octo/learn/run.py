@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from octo.checks import Array
+from octo.gains import at_stiffness
+from octo.learn.controls import controls
 from octo.learn.markovian import Markovian
 from octo.learn.rounds import Learned, Round
-from octo.learn.training import Training, controls, trained
+from octo.learn.training import Training, trained
 from octo.learn.transition import Transition
-from octo.learn.unrolled import at_stiffness, losses_of, unrolled, unrolled_error
+from octo.learn.unrolled import losses_of, unrolled, unrolled_error
 from octo.problem.problem import Problem
 from octo.progress import Progress
 from octo.result.solution import Solution

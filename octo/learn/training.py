@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from scipy.optimize import OptimizeResult, minimize
 
-from octo.checks import Array, asked, number, numbers, one_of, whole
+from octo.checks import Array, asked, instance, number, numbers, one_of, whole
 from octo.errors import ProblemError, ShapeError, ValueRangeError
+from octo.learn.controls import controls
+from octo.learn.fit import commands_in
 from octo.learn.frame import Frame
 from octo.learn.losses import LOSSES, Loss, recurrent, with_decay
 from octo.learn.transition import Transition
-from octo.problem.basis import Hermite
-from octo.problem.splines import tangents_of
+from octo.library import Library
 from octo.result.solution import Solution
 
 MEMORY = 5  # pairs of L-BFGS: with ten or twenty an iteration takes longer and is worth no more
@@ -97,38 +98,74 @@ class _Best:
 @asked
 def train(
     transition: Transition,
-    motions: Solution | Array | Sequence[Solution | Array],
+    motions: Solution | Array | Sequence[Solution | Array] | Library,
     *,
     loss: str = "one_step",
     iterations: int = 1000,
     decay: float = DECAY,
+    seed: int = 0,
 ) -> Training:
     """Train a transition on motions that stay as they are.
 
     Parameters
     ----------
-    transition: with weights (``transition.started(problem)``), which it goes on from.
+    transition: with weights (``transition.started(problem)``), which it goes on from; for a library
+        one without weights begins with those of ``seed``. One with a command is trained on a
+        library, which has the commands of its motions.
     motions: a Solution or several, or controls (Z + 1, 2 nx) as :func:`octo.learn.controls` gives
-        them, of one number of controls.
+        them, of one number of controls; or an octo.Library, of which the motions that converged.
     loss: "one_step", Eq. 14; or "recurrent", Eq. 16: each motion is unrolled from its first
         control.
     iterations: of L-BFGS, at most.
     decay: of the mean square of the weights, in the loss.
+    seed: of the weights of a transition that has none.
 
     Raises
     ------
     OctoError: the motions have fewer than three controls, are of another robot, or not finite; an
         option is refused.
     """
-    transition.known  # noqa: B018  (refuses one without weights)
     check_training(loss, iterations, decay)
+    instance("transition", transition, Transition, "an octo.learn.Transition")
+    commands = None
+    if isinstance(motions, Library):
+        if transition.weights is None:
+            transition = transition.started(motions, seed)
+        motions, commands = _of_library(transition, motions)
+    elif transition.command:
+        raise ProblemError(
+            f"the transition asks for the command {', '.join(transition.command)}, which motions "
+            "do not tell: train it on an octo.Library"
+        )
+    transition.known  # noqa: B018  (refuses one without weights)
     several: Sequence[Any] = motions if isinstance(motions, (list, tuple)) else [motions]
     if not several:
         raise ProblemError("motions is an empty list, must hold a motion at least")
     given = [_controls(one, transition) for one in several]
     if len({one.shape for one in given}) != 1:
         raise ShapeError("motions", tuple(len(one) for one in given), "one number of controls")
-    return trained(transition, np.stack(given), loss, int(iterations), float(decay))
+    how = loss, int(iterations), float(decay)
+    return trained(transition, np.stack(given), *how, commands)
+
+
+def _of_library(transition: Transition, library: Library) -> tuple[list[Solution], Array | None]:
+    """The motions that converged, and their commands (motions, G) as the network sees them.
+
+    Raises
+    ------
+    ProblemError: none converged. UnknownNameError: there is no such command.
+    """
+    good = np.flatnonzero(library.converged)
+    if not len(good):
+        raise ProblemError("no motion of the library converged: there is none to train on")
+    motions = [library[int(k)] for k in good]
+    if not transition.command:
+        return motions, None
+    fit, told = transition.known, commands_in(library, transition.command)[good]
+    if told.shape[1] != len(fit.command_size):
+        expected = f"(motions, {len(fit.command_size)}), as the transition has"
+        raise ShapeError("the library's command", told.shape, expected)
+    return motions, (told - fit.command_center) / fit.command_size
 
 
 def check_training(loss: str, iterations: int, decay: float) -> None:
@@ -142,20 +179,26 @@ def check_training(loss: str, iterations: int, decay: float) -> None:
 
 
 def trained(
-    transition: Transition, given: Array, loss: str, iterations: int, decay: float
+    transition: Transition,
+    given: Array,
+    loss: str,
+    iterations: int,
+    decay: float,
+    commands: Array | None = None,
 ) -> Training:
-    """The same of controls (motions, Z + 1, 2n), with nothing checked."""
+    """The same of controls (motions, Z + 1, 2n) and commands (motions, G), with nothing checked."""
     network, frame = transition.network, transition.frame
     began, spent = time.perf_counter(), time.process_time()
     weights = transition.weights
     assert weights is not None
 
-    error = LOSSES[loss](network, frame, given)
+    error = LOSSES[loss](network, frame, given, commands)
     best = _Best(with_decay(error, network, decay), np.array(weights))
     stopped, left = "", iterations
     try:
         if loss == "recurrent" and best.value > KNOWN * error(np.zeros_like(weights))[0]:
-            left -= _lengthen(best, transition, given, decay, int(PIECES * iterations))
+            most = int(PIECES * iterations)
+            left -= _lengthen(best, transition, given, commands, decay, most)
         stopped = _descend(best, left)
     except KeyboardInterrupt:
         stopped = INTERRUPTED
@@ -173,7 +216,14 @@ def trained(
     )
 
 
-def _lengthen(best: _Best, transition: Transition, given: Array, decay: float, most: int) -> int:
+def _lengthen(
+    best: _Best,
+    transition: Transition,
+    given: Array,
+    commands: Array | None,
+    decay: float,
+    most: int,
+) -> int:
     """Train on short pieces of the motions that are unrolled by themselves, most of them from
     beside the motion: from weights that know nothing a whole motion leads nowhere, and what single
     steps alone have taught explodes. How many of ``most`` iterations it took; what it found is
@@ -183,7 +233,8 @@ def _lengthen(best: _Best, transition: Transition, given: Array, decay: float, m
     w, taken = best.w, 0
     for k, length in enumerate(lengths):
         own = beside(pieces(given, length), frame)
-        piece = _Best(with_decay(recurrent(network, frame, own), network, decay), w)
+        told = None if commands is None else np.repeat(commands, len(own) // len(given), axis=0)
+        piece = _Best(with_decay(recurrent(network, frame, own, told), network, decay), w)
         share = SINGLE if k == 0 else 1.0 / (len(lengths) - k)
         _descend(piece, int(share * (most - taken)))
         taken += len(piece.history)
@@ -268,14 +319,3 @@ def _controls(motion: Solution | Array, transition: Transition) -> Array:
             f"a motion of {len(found)} controls is given, must have at least {LEAST} to train on"
         )
     return found
-
-
-def controls(solution: Solution) -> Array:
-    """(Z + 1, 2 nx) the controls of a motion: (x_i, x_i − x_{i−1}) of nodes, (x_k, τ ẋ_k) of a
-    Hermite spline."""
-    x = solution.x
-    if solution.basis != Hermite.name:
-        return np.concatenate([x[1:], np.diff(x, axis=0)], axis=1)
-    q = (len(x) - 2) // (len(solution.unknowns) - 1)
-    first = q * (x[1:2] - x[:1])
-    return np.concatenate([x[1::q], np.concatenate([first, tangents_of(x, q)])], axis=1)

@@ -15,19 +15,22 @@ from octo.arrays import Array, array_module, like
 from octo.checks import ending, numbers, one_of, whole
 from octo.errors import ProblemError, ShapeError, ValueRangeError, said
 from octo.files import replacing
+from octo.learn.controls import count_of, first_control, nodes_of
+from octo.learn.fit import Fit, command_of
 from octo.learn.frame import Frame
 from octo.learn.network import ACTIVATIONS, Network
-from octo.model.archive import Archive, opened
-from octo.problem.basis import Hermite
+from octo.library import Library
+from octo.model.archive import opened
+from octo.problem.phases import Described
 from octo.problem.problem import Problem
+from octo.starts import Starter
 
 STATES = ("body", "world")
 WIDEST, DEEPEST = 4096, 16
-SAME = 1e-9  # relative, of the seconds of a transition
 
 
 @dataclass(frozen=True, eq=False)
-class Transition:
+class Transition(Starter):
     """c_{i+1} ≈ RNN(c_i), a fully connected network of what changes from a pose at rest (Eq. 13).
 
     Controls are those of the basis: (x_i, x_i − x_{i−1}) of nodes, (x_k, τ ẋ_k) of Hermite splines.
@@ -43,6 +46,9 @@ class Transition:
     fit: which robot, basis and time it is for; None until :meth:`started` or
         :func:`octo.learn.solve` fill it in.
     weights: (count,) of the network; the same.
+    command: names of numbers of a problem that are inputs too, the same at all of its steps: fields
+        of terms as "CenterOfMassVelocity.velocity", parameters of the dynamics, as
+        ``octo.Library.commands`` names them. It is trained on a library.
 
     Raises
     ------
@@ -54,6 +60,7 @@ class Transition:
     state: str = "body"
     fit: Fit | None = None
     weights: Array | None = None
+    command: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.hidden, (tuple, list)) or not 1 <= len(self.hidden) <= DEEPEST:
@@ -63,6 +70,11 @@ class Transition:
         object.__setattr__(self, "hidden", sizes)
         one_of("Transition.activation", self.activation, ACTIVATIONS)
         one_of("Transition.state", self.state, STATES)
+        words = self.command
+        if not isinstance(words, (tuple, list)) or not all(isinstance(w, str) for w in words):
+            allowed = "a tuple of names of commands"
+            raise ValueRangeError(f"Transition.command is {said(words)}, must be {allowed}")
+        object.__setattr__(self, "command", tuple(words))
         if self.weights is not None:
             if self.fit is None:
                 raise ProblemError("Transition.weights are given without fit: use started(problem)")
@@ -71,8 +83,9 @@ class Transition:
 
     def __repr__(self) -> str:
         layers = " × ".join(str(size) for size in self.hidden)
+        told = f", told {', '.join(self.command)}" if self.command else ""
         fit = "not started" if self.fit is None else f"{self.network.count} weights, {self.fit}"
-        return f"Transition of the {self.state}'s state: {layers} {self.activation}, {fit}"
+        return f"Transition of the {self.state}'s state: {layers} {self.activation}{told}, {fit}"
 
     @property
     def known(self) -> Fit:
@@ -94,7 +107,8 @@ class Transition:
         """The layers."""
         assert self.fit is not None
         frame = self.frame
-        return Network((len(frame.kept), *self.hidden, 2 * frame.n), self.activation)
+        inputs = len(frame.kept) + len(self.fit.command_size)
+        return Network((inputs, *self.hidden, 2 * frame.n), self.activation)
 
     @cached_property
     def frame(self) -> Frame:
@@ -109,15 +123,21 @@ class Transition:
         _, weights = self.known, self.weights
         return self.network.layers(weights)
 
-    def started(self, problem: Problem, seed: int = 0) -> Transition:
+    def started(self, problem: Problem | Library, seed: int = 0) -> Transition:
         """The same with weights to begin with, for controls of a problem.
 
         Parameters
         ----------
+        problem: or a library of motions: a command is seen by how far it is from their mean, in
+            parts of their standard deviation; of a problem, from its own, as it is.
         seed: of the random weights.
+
+        Raises
+        ------
+        UnknownNameError: there is no such command.
         """
         whole("seed", seed, 0)
-        begun = replace(self, fit=Fit.of(problem), weights=None)
+        begun = replace(self, fit=Fit.of(problem, self.command), weights=None)
         return replace(begun, weights=begun.network.started(seed))
 
     def with_weights(self, weights: Array) -> Transition:
@@ -125,13 +145,65 @@ class Transition:
         return replace(self, weights=weights)
 
     def check(self, problem: Problem) -> None:
-        """Refuse a problem of another robot, basis or time of a transition than it was made for.
+        """Refuse a problem of another robot, basis or time of a transition than it was made for, or
+        without its command.
 
         Raises
         ------
         ProblemError: names what differs. ShapeError: another number of coordinates.
+        UnknownNameError: there is no such command.
         """
         self.known.check(problem)
+        told = command_of(problem, self.command)
+        if told.shape != self.known.command_size.shape:
+            expected = self.known.command_size.shape
+            raise ShapeError(f"the command {', '.join(self.command)}", told.shape, expected)
+
+    def at(self, problem: Problem) -> Transition:
+        """The transition for the command of one problem, which stands in its biases from then on:
+        what it says needs no command any more. Itself, where it has none.
+
+        Parameters
+        ----------
+        problem: that has the command.
+
+        Raises
+        ------
+        OctoError: as of :meth:`check`.
+        """
+        self.check(problem)
+        if not self.command:
+            return self
+        fit, (matrix, bias), weights = self.known, self.layers[0], self.weights
+        assert weights is not None
+        told = (command_of(problem, self.command) - fit.command_center) / fit.command_size
+        seen = len(self.frame.kept)
+        first = [matrix[:, :seen].ravel(), bias + matrix[:, seen:] @ told]
+        rest = weights[matrix.size + bias.size :]
+        own = replace(self, fit=fit.plainly, weights=None, command=())
+        return own.with_weights(np.concatenate([*first, rest]))
+
+    def start_of(self, problem: Described) -> Array:
+        """x_0 … x_N (N+1, nx), rad and m: unrolled from the start of a problem.
+
+        Parameters
+        ----------
+        problem: without phases and without a cycle.
+
+        Raises
+        ------
+        OctoError: the problem is not one that it was made for, or what it says is not finite.
+        """
+        if not isinstance(problem, Problem) or problem.cycle is not None:
+            what = "a cycle" if isinstance(problem, Problem) else "phases"
+            raise ProblemError(f"start is a transition and the problem has {what}: give nodes")
+        made = self.at(problem).unroll(first_control(problem), count_of(problem))
+        if not np.isfinite(made).all():
+            raise ProblemError(
+                "start is a transition that explodes from where the problem begins: train it with "
+                "loss='recurrent', or leave it out"
+            )
+        return nodes_of(problem, made)
 
     # -- what it says ------------------------------------------------------------------------------
 
@@ -188,10 +260,29 @@ class Transition:
         return frame.change(c, c_next) - value, array_module(c).concatenate(both, axis=-1)
 
     def _layers_at(self, c: Array) -> list[tuple[Array, Array]]:
-        """The layers where c is."""
+        """The layers where c is.
+
+        Raises
+        ------
+        ProblemError: they wait for a command.
+        """
+        self.check_told()
         if isinstance(c, np.ndarray):
             return self.layers
         return [(like(matrix, c), like(bias, c)) for matrix, bias in self.layers]
+
+    def check_told(self) -> None:
+        """Refuse a transition that waits for a command.
+
+        Raises
+        ------
+        ProblemError: names the command.
+        """
+        if self.command:
+            raise ProblemError(
+                f"the transition asks for the command {', '.join(self.command)}: take "
+                "transition.at(problem), which has that of the problem"
+            )
 
     # -- files -------------------------------------------------------------------------------------
 
@@ -202,11 +293,13 @@ class Transition:
             "hidden": list(self.hidden),
             "activation": self.activation,
             "state": self.state,
+            "command": list(self.command),
             **fit.plain(),
         }
-        arrays = {"weights": self.weights, "size": fit.size, "center": fit.center}
+        arrays: dict[str, Any] = {"weights": self.weights, **fit.arrays}
+        arrays["plain"] = np.array(json.dumps(plain))
         with replacing(target) as beside, beside.open("wb") as file:
-            np.savez(file, plain=np.array(json.dumps(plain)), **arrays)
+            np.savez(file, **arrays)
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Transition:
@@ -219,95 +312,9 @@ class Transition:
         with opened(path, "transition") as file:
             hidden = tuple(file.plain.get("hidden", ()))
             named = file.word("activation"), file.word("state")
-            begun = Transition(hidden, *named, fit=Fit.read(file))
+            told = file.words("command") if "command" in file.plain else ()
+            fit = Fit.read(file)
+            begun = Transition(hidden, *named, fit=fit, command=told)
+            if bool(told) != bool(len(fit.command_size)):
+                raise ValueRangeError("command_size is not that of the command")
             return begun.with_weights(file.array("weights", (begun.network.count,)))
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """What a transition was made for.
-
-    Attributes
-    ----------
-    robot: its name, "custom" of user-written dynamics. basis: "nodes" or "hermite".
-    seconds: of one transition. heading: coordinates x, y and yaw of a floating base, if any.
-    size: (nx,) m or rad, one of each coordinate for the network. center: (nx,) where it is zero.
-    """
-
-    robot: str
-    basis: str
-    seconds: float
-    heading: tuple[int, int, int] | None
-    size: Array
-    center: Array
-
-    def __str__(self) -> str:
-        return f"for {self.robot} in {self.basis} of {self.seconds:.4g} s"
-
-    @property
-    def n(self) -> int:
-        return len(self.size)
-
-    @classmethod
-    def of(cls, problem: Problem) -> Fit:
-        """Of a problem's controls, with its start as the center.
-
-        Raises
-        ------
-        ProblemError: the state of objects beside the robot, which have places of their own.
-        """
-        robot, size, heading = problem.character, np.ones(problem.dynamics.nx), None
-        if robot is not None:
-            size[[joint.kind == "slide" for joint in robot.joints]] = problem.length
-            if robot.base == "floating" and not robot.objects:
-                first = robot.base_coordinate
-                heading = first, first + 1, first + 3
-        name = "custom" if robot is None else robot.name
-        basis, seconds = problem.basis_object.name, seconds_of(problem)
-        return cls(name, basis, seconds, heading, size, np.array(problem.start))
-
-    def check(self, problem: Problem) -> None:
-        """Raises
-        ------
-        ProblemError, ShapeError: the problem's is another one."""
-        other = Fit.of(problem)
-        for name, own, its in (
-            ("robot", self.robot, other.robot),
-            ("basis", self.basis, other.basis),
-        ):
-            if own != its:
-                raise ProblemError(f"the transition's {name} is {own!r}, the problem's is {its!r}")
-        if self.n != other.n:
-            raise ShapeError("the problem's x", (other.n,), f"the transition's ({self.n},)")
-        if abs(self.seconds - other.seconds) > SAME * self.seconds:
-            raise ProblemError(
-                f"the transition is of {self.seconds:.6g} s, from one control of the problem to "
-                f"the next it is {other.seconds:.6g} s"
-            )
-
-    def plain(self) -> dict[str, Any]:
-        """For files, without the arrays."""
-        own = {name: getattr(self, name) for name in ("robot", "basis", "seconds")}
-        return {**own, "heading": None if self.heading is None else list(self.heading)}
-
-    @classmethod
-    def read(cls, file: Archive) -> Fit:
-        """Raises
-        ------
-        ValueRangeError, ShapeError: what stands there is no such thing."""
-        size = file.array("size", (None,))
-        heading = file.plain.get("heading")
-        legal = isinstance(heading, list) and len(heading) == 3
-        if heading is not None and not (legal and all(k in range(len(size)) for k in heading)):
-            raise ValueRangeError(f"heading is {said(heading)}, must be three coordinates")
-        if not (size > 0.0).all():
-            raise ValueRangeError("size has a number that is not positive")
-        made = None if heading is None else (int(heading[0]), int(heading[1]), int(heading[2]))
-        own = file.word("robot"), file.word("basis"), file.number("seconds", positive=True), made
-        return cls(*own, size, file.array("center", size.shape))
-
-
-def seconds_of(problem: Problem) -> float:
-    """s, from one control to the next."""
-    basis = problem.basis_object
-    return float(problem.dt) * (basis.steps_per_segment if isinstance(basis, Hermite) else 1)

@@ -5,16 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from octo.checks import Array
+from octo.gains import at_stiffness
+from octo.learn.controls import controls, count_of, nodes_of
 from octo.learn.losses import one_step, recurrent, with_decay
-from octo.learn.training import controls
 from octo.learn.transition import Transition
-from octo.problem.basis import Hermite, node_values
 from octo.problem.problem import Problem
 from octo.result.solution import Solution
 from octo.solve import evaluated
 from octo.solver.status import Status
-
-CONTACT = "contact."  # how the names of a contact law's parameters begin
 
 
 def losses_of(transition: Transition, given: Array, decay: float) -> tuple[float, float]:
@@ -35,12 +33,6 @@ def unrolled_error(transition: Transition, given: Array) -> float | None:
     return error if np.isfinite(error) else None
 
 
-def at_stiffness(problem: Problem, motion: Solution) -> Problem:
-    """The problem with the contact law that a motion was solved with."""
-    own = {k: v for k, v in motion.parameters.items() if k.startswith(CONTACT)}
-    return problem.replace(parameters=own) if own else problem
-
-
 def unrolled(problem: Problem, transition: Transition, motion: Solution) -> Solution | None:
     """The motion that a network makes from the first control of another, as long as the problem's;
     None where it explodes.
@@ -50,17 +42,8 @@ def unrolled(problem: Problem, transition: Transition, motion: Solution) -> Solu
     problem: whose terms and laws of physics it is measured by; a fixed end is left out.
     transition: with weights. motion: whose first control and contact law it has.
     """
-    given = controls(motion)
-    basis, steps = problem.basis_object, int(problem.steps)
-    segments = steps // basis.steps_per_segment if isinstance(basis, Hermite) else steps
-    made = transition.unroll(given[0], segments)
+    own = at_stiffness(problem.replace(x_end=None, v_end=None, displacement=None), motion)
+    made = transition.at(problem).unroll(controls(motion)[0], count_of(problem))
     if not np.isfinite(made).all():
         return None
-    own = at_stiffness(problem.replace(x_end=None, v_end=None, displacement=None), motion)
-    n = problem.dynamics.nx
-    nodes = made[:, :n]
-    if isinstance(basis, Hermite):
-        unknowns = np.vstack([made[1:], np.zeros((1, 2 * n))])[None]
-        constant = basis.constant(steps, motion.x[None, 1], motion.x[None, 0])
-        nodes = node_values(basis.stencil(steps), unknowns, constant)[0, 1:]
-    return evaluated(own, nodes, Status.UNROLLED)
+    return evaluated(own, nodes_of(problem, made), Status.UNROLLED)

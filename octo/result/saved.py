@@ -34,15 +34,15 @@ SOLUTION_ARRAYS = (*SINGLE, *VECTORS, *TOUCHES)
 
 def write(target: Path, values: Mapping[str, Any]) -> None:
     """Write the fields of a Solution as an .npz file: arrays, and the rest as JSON."""
-    arrays = _packed(values)
+    arrays = packed(values)
     for k, phase in enumerate(values["phases"]):
-        own = _packed({each.name: getattr(phase, each.name) for each in fields(phase)})
+        own = packed({each.name: getattr(phase, each.name) for each in fields(phase)})
         arrays |= {f"{PHASE}{k}_{name}": value for name, value in own.items()}
     with replacing(target) as beside, beside.open("wb") as file:
         np.savez_compressed(file, **arrays)
 
 
-def _packed(values: Mapping[str, Any]) -> dict[str, Any]:
+def packed(values: Mapping[str, Any]) -> dict[str, Any]:
     """The entries of a file, without those of phases; what is no array is JSON in one of them."""
     arrays = {name: values[name] for name in SOLUTION_ARRAYS}
     plain = {name: value for name, value in values.items() if name not in arrays}

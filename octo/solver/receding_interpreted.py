@@ -3,13 +3,10 @@ slowly."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from octo.problem.basis import Stencil
 from octo.problem.compiled import CompiledProblem
-from octo.problem.plan import Plan
+from octo.problem.every_node import every_node_a_unit
 from octo.problem.problem import Array
 from octo.solver import kkt
 from octo.solver.kkt import KKTFactor
@@ -24,7 +21,7 @@ class InterpretedHorizon:
     def __init__(self, compiled: CompiledProblem, sigma: float = 1e-6):
         N, n, m = compiled.steps, compiled.n, compiled.m
         self.steps, self.sigma = N, np.array([sigma])
-        self._whole = _every_node_a_unit(compiled)
+        self._whole = every_node_a_unit(compiled)
         self.nodes, self.fd = np.zeros((N + PAST, n)), np.zeros((N, n))
         self.terms = np.zeros((N, len(compiled.functions.references.terms)))
         self.C, self.step, self.lam = np.zeros((N, m)), np.zeros((N, n)), np.zeros((N, m))
@@ -80,14 +77,3 @@ def _columns(blocks: Array) -> Array:
     out[:, 0, :, n:] = blocks[:, 0, 2]
     out[:, 1, :, :n] = blocks[:, 1, 2]
     return out
-
-
-def _every_node_a_unit(compiled: CompiledProblem) -> CompiledProblem:
-    """The same problem (its p and q are shared) with x_{-1} and x_0 as units too."""
-    N, K = compiled.steps, compiled.steps + PAST
-    unit, none = np.arange(K, dtype=np.int32)[:, None], np.zeros((K, 1), dtype=np.int32)
-    stencil = Stencil(
-        K, 1, unit, none, np.ones((K, 1)), unit[PAST:].copy(), none[PAST:].copy(), np.ones((N, 1))
-    )
-    plan = Plan(compiled.basis, N, compiled.n, compiled.m, stencil, compiled.fixed)
-    return compiled.with_data(plan, replace(compiled.data, constant=np.zeros((1, K, compiled.n))))
