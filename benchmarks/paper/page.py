@@ -29,7 +29,9 @@ class Row:
 
 def number(value: float, digits: int = 2) -> str:
     """With so many digits that count, thousands apart, and powers of ten where it is small."""
-    if value != 0.0 and abs(value) < 1e-3:
+    if value == 0.0:
+        return "0"
+    if abs(value) < 1e-3:
         return f"{value:.{digits - 1}e}"
     rounded = float(f"{value:.{digits - 1}e}")
     if abs(rounded) >= 10.0 ** (digits - 1):
@@ -40,6 +42,13 @@ def number(value: float, digits: int = 2) -> str:
 def seconds(value: float) -> str:
     """With its unit, in ms below a tenth of a second."""
     return f"{number(1e3 * value)} ms" if value < 0.1 else f"{number(value)} s"
+
+
+def on_gpu(one: dict[str, Any] | None) -> str:
+    """A solve on a GPU, or that there was none."""
+    if one is None:
+        return NOT_RUN
+    return f"{ending(one)}, {seconds(one['seconds'])} on {one['device']}"
 
 
 def measured(figure: dict[str, Any]) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import octo
+from octo.gpu import cuda
 
 WAYS: Mapping[str, octo.SqpOptions] = {
     "algorithm-1": octo.SqpOptions.paper(),
@@ -29,6 +30,15 @@ def iteration(problem: octo.Problem, way: str, count: int, repeats: int) -> dict
         "seconds": best.processor_seconds / best.iterations,
         "stages": {name: value / whole for name, value in best.stages.items()},
     }
+
+
+def on_gpu(problem: octo.Problem, way: str, limit: int) -> dict[str, Any] | None:
+    """How a solve on this machine's GPU ended, in seconds of the wall; None where there is none."""
+    if cuda.reason() is not None:
+        return None
+    how: dict[str, Any] = {"options": WAYS[way], "passes": 1, "device": "cuda"}
+    found = octo.solve(problem, max_iterations=limit, **how)
+    return {**solved(found), "seconds": found.seconds, "device": cuda.device().name}
 
 
 def solved(found: octo.Solution) -> dict[str, Any]:
