@@ -13,7 +13,7 @@ from benchmarks.paper.timed import WAYS, solved
 TITLE = "A chain of five links, 40 s (Fig. 8)"
 PANELS = 2
 DT, SPEED = 0.05, 0.5  # s, m/s
-LIMIT = 5000  # iterations
+LIMIT = 3000  # iterations
 
 
 def chain(steps: int, basis: str = "hermite", links: int = 5) -> octo.Problem:

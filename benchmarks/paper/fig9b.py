@@ -56,7 +56,7 @@ def rows(records: dict[str, Any]) -> list[Row]:
             "growth with N",
             "“increases slowly with the number of timesteps”",
             f"N^{number(paper['power'])}, default N^{number(default['power'])}",
-            "one core does all steps one after the other",
+            "one core: a constant of Python, then as N",
         ),
         Row(
             f"Algorithm 1 on a GPU, N = {records['steps'][0]} and {records['steps'][-1]}",

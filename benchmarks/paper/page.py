@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-HEAD = "| | the paper | octo | |\n| --- | --- | --- | --- |\n"
+HEAD = "| | the paper | octo | remark |\n| --- | --- | --- | --- |\n"
 NOT_RUN = "not run"
 MARKED = re.compile(r"(?P<begin><!-- (?P<name>\w+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
 
