@@ -116,7 +116,7 @@ def rows(records: dict[str, Any]) -> list[Row]:
             "what costs most",
             "“the derivative computation and the matrix factorization are the most costly "
             "substeps”",
-            " and ".join(PARTS[name] for name in most),
+            "; ".join(PARTS[name] for name in most),
             f"of Algorithm 1, {seconds(paper['whole'])} an iteration of N = {records['steps']} on "
             f"a plane; the default's is {number(1e3 * default['whole'])} ms",
         ),

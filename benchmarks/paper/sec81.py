@@ -129,8 +129,7 @@ def rows(records: dict[str, Any]) -> list[Row]:
     """Each with its analytic answer."""
     creep, steep, other = records["creep"], records["steep"], records["coulomb"]
     printed, stiffest, last = creep[0], creep[len(PRINTED) - 1], creep[-1]
-    depth = {one["w"]: one for one in records["depth"]}
-    first, third = depth[PRINTED[0]], depth[PRINTED[-1]]
+    first, third = records["depth"][-1 - len(PRINTED)], records["depth"][-2]
     said = "“the lack of static/sliding friction mode switch”"
 
     def speed(one: dict[str, Any]) -> str:

@@ -74,7 +74,7 @@ def rows(records: dict[str, Any]) -> list[Row]:
             "the whole motion",
             "1200 s for 40 s",
             f"{seconds(moved['seconds'])} for {records['seconds']:.0f} s",
-            f"leaves {number(moved['violation'])} N",
+            f"leaves ‖C‖∞ = {number(moved['violation'])} N",
         ),
         Row(
             "over the full horizon",
