@@ -115,8 +115,9 @@ def _curve(cell: dict[str, Any]) -> dict[str, Any]:
 
 def _stability(one: dict[str, Any]) -> dict[str, Any]:
     """Errors of each horizon, None where the network exploded."""
-    kept = ("network", "loss", "iterations", "seconds", "horizon", "training_error", "phase_free")
-    return {name: one[name] for name in kept}
+    kept = ("loss", "iterations", "seconds", "horizon", "training_error", "phase_free")
+    layers: Any = markovian.NETWORKS[one["network"]]["hidden"]
+    return {"layers": " × ".join(map(str, layers)), **{name: one[name] for name in kept}}
 
 
 def draw(records: dict[str, Any], axes: Any) -> None:
@@ -132,11 +133,11 @@ def draw(records: dict[str, Any], axes: Any) -> None:
     middle.semilogy(curve["iteration"], curve["energy"], label="E + λ E_RNN")
     middle.semilogy(curve["ends"], curve["after"], "ko", ms=4, label="network trained")
     middle.set(xlabel="iteration of the motion", ylabel="E + λ E_RNN")
-    for name, one in records["stability"].items():
+    for one in records["stability"].values():
         errors = [np.nan if value is None else value for value in one["phase_free"]]
         line = "-" if one["loss"] == "recurrent" else "--"
-        count, label = np.arange(1, len(errors) + 1), f"{one['network']}, {LOSSES[one['loss']]}"
-        right.semilogy(count, errors, line, label=label or name)
+        label = f"{one['layers']}, {LOSSES[one['loss']]}"
+        right.semilogy(np.arange(1, len(errors) + 1), errors, line, label=label)
     right.set(xlabel="horizons unrolled", ylabel="distance from the stride (rad, ℓ)")
 
 
@@ -149,9 +150,9 @@ def _stable(one: dict[str, Any]) -> str:
     """How far the network is from its stride in its last horizon."""
     last = one["phase_free"][-1]
     if last is None:
-        return f"{one['network']} layers: explodes"
+        return f"{one['layers']} explodes"
     factor = max(value for value in one["phase_free"] if value is not None) / one["training_error"]
-    return f"{one['network']} layers: at most {number(factor)} × its training error"
+    return f"{one['layers']} gets to {number(factor)} × its training error"
 
 
 def rows(records: dict[str, Any]) -> list[Row]:
@@ -214,7 +215,7 @@ def _of_gaits(task: str, own: dict[str, Any]) -> list[Row]:
             f"Fig. 11b, {task} without",
             "“the bipedal takes uneven step sizes”",
             ended(plain),
-            f"the most even of {number(own['more_starts'])} starts, in the time of Algorithm 2: "
+            f"the most even of {own['more_starts']:g} starts, in the time of Algorithm 2: "
             f"{_even(own['more'])}",
         ),
         Row(
