@@ -60,7 +60,7 @@ def measured(figure: dict[str, Any]) -> str:
     )
 
 
-def table(rows: Iterable[Row], figure: dict[str, Any] | None) -> str:
+def table(rows: Iterable[Row], figure: dict[str, Any] | None = None) -> str:
     """The text between the markers of a figure."""
     return HEAD + "".join(map(str, rows)) + ("" if figure is None else measured(figure))
 

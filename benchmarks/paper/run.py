@@ -80,12 +80,15 @@ def draw(name: str, found: dict[str, Any], folder: Path) -> None:
 
 
 def tables(done: Mapping[str, dict[str, Any]]) -> dict[str, str]:
-    """The table of each figure that was measured, and of those that cannot be."""
-    return {name: page.table(rows, None) for name, rows in absent.ROWS.items()} | {
-        name: page.table(figure.rows(done[name]["records"]), done[name])
-        for name, figure in FIGURES.items()
-        if name in done
-    }
+    """The table and picture of each figure that was measured; of others that they were not."""
+    made = {name: page.table(rows) for name, rows in absent.ROWS.items()}
+    for name, figure in FIGURES.items():
+        if name in done:
+            drawn = f"\n![{figure.TITLE}](paper_{name}.png)\n" if figure.PANELS else ""
+            made[name] = page.table(figure.rows(done[name]["records"]), done[name]) + drawn
+        elif name not in made:
+            made[name] = page.table([page.Row(figure.TITLE, "", page.NOT_RUN)])
+    return made
 
 
 def _asked(words: Sequence[str] | None) -> argparse.Namespace:
