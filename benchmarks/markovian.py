@@ -6,7 +6,7 @@ how long the network stays with its motion when it is unrolled.
 
 gaits      the biped walks and strides sideways for 10 s, five starts of each, as Algorithm 1 and as
            Algorithm 2 find it; as many more starts of Algorithm 1 as end in the time of Algorithm
-           2; and a cycle
+           2; and a cycle of octo.costs.natural, of the walk of octo.costs.paper too
 seconds    ten rounds of octo.learn.solve as it is by default, and 1,000 iterations of training
 stability  networks of Eq. 14 and of Eq. 16 on a stride that repeats, unrolled for ten horizons
 
@@ -141,11 +141,13 @@ def placed(motion: Solution) -> Record:
     }
 
 
-def measure_cycle(task: str, seed: int) -> Record:
-    """A stride that repeats, carried on for ten seconds: as even as a motion can be."""
+def measure_cycle(task: str, seed: int, terms: str = "natural") -> Record:
+    """A stride that repeats, carried on for ten seconds: as even as a motion can be; of the
+    ``terms`` of E of that preset."""
     ahead, left, _ = SPEEDS[task]
     cycle = octo.Cycle(speed=ahead, sideways=left, mirror=not left)
-    asked = octo.Problem(octo.gallery.biped(), cycle=cycle, costs=octo.costs.natural())
+    costs = octo.costs.natural() if terms == "natural" else octo.costs.paper(SPEEDS[task])
+    asked = octo.Problem(octo.gallery.biped(), cycle=cycle, costs=costs)
     stride = octo.solve(asked, seed=seed, device="cpu")
     strides = round(STEPS * DT / stride.cycle.period) if stride.cycle is not None else 1
     return figures(stride.tile(strides), SPEEDS[task])
@@ -256,6 +258,7 @@ def cells_of(sections: Sequence[str]) -> dict[str, Callable[[], Record]]:
             for loss in LOSSES:
                 made[f"stability {network}-{loss}"] = lambda n=network, o=loss: stable(n, o)
     if "gaits" in sections:
+        made["cycles walk-paper"] = lambda: measure_cycle("walk", 0, "paper")
         for seed in range(STARTS):
             for task in SPEEDS:
                 made[f"gaits {task}-{seed}"] = lambda t=task, s=seed: measure_gaits(t, s)

@@ -81,7 +81,7 @@ class Network:
         those of the output layer very small: all of them small would be a saddle.
 
         Biases take the mean of each layer away, which softplus would add to in every layer: 400
-        iterations then lower Eq. 14 of a biped's walk to 1e-15, in place of 0.05.
+        iterations then lower Eq. 14 of a biped's walk to 2e-11, in place of 0.05.
         """
         random, w = np.random.default_rng(seed), np.zeros(self.count)
         layers = self.layers(w)
