@@ -1,19 +1,11 @@
-"""What of the paper's figures octo cannot make yet, or has not measured."""
+"""What of the paper's figures octo cannot make yet."""
 
 from __future__ import annotations
 
-from benchmarks.paper.page import NOT_RUN, Row
+from benchmarks.paper.page import Row
 
 NOT_YET = "not there yet"
 ROWS = {
-    "fig11": [
-        Row(
-            "gaits, convergence, stability (Fig. 11)",
-            "510 s; “generates realistic walking gaits”, “long-term stability” with Eq. 16",
-            NOT_RUN,
-            "",
-        )
-    ],
     "fig2": [
         Row(
             "a ball and a beam that jump (Fig. 2)",

@@ -62,7 +62,7 @@ def summary(found: dict[str, Any]) -> dict[str, Any]:
 def _gaits(found: dict[str, Any], task: str) -> dict[str, Any]:
     """Medians over the starts of a task, and each start's unevenness and velocity error."""
     cells = [own for name, own in found["gaits"].items() if name.startswith(f"{task}-")]
-    cycles = [own for name, own in found["cycles"].items() if name.startswith(f"{task}-")]
+    cycles = [found["cycles"][name] for name in found["gaits"] if name.startswith(f"{task}-")]
     ways = {way: [cell[way] for cell in cells] for way in WAYS}
     best = [_most_even(cell["more"]) for cell in cells]
     return {

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
-import importlib.util
 import os
 import sys
 import time
@@ -23,18 +21,17 @@ from benchmarks.paper import (
     fig9b,
     fig9c,
     fig10,
+    fig11,
     page,
     records,
     sec81,
     sec83,
 )
 
-FIGURES: dict[str, ModuleType] = {
+FIGURES: Mapping[str, ModuleType] = {
     one.__name__.rpartition(".")[2]: one
-    for one in (sec81, fig7, fig8, fig9a, fig9b, fig9c, sec83, fig10)
+    for one in (sec81, fig7, fig8, fig9a, fig9b, fig9c, sec83, fig10, fig11)
 }
-if importlib.util.find_spec("benchmarks.markovian") is not None:  # which measures it
-    FIGURES["fig11"] = importlib.import_module("benchmarks.paper.fig11")
 RESULTS = records.ROOT / "benchmarks" / "results"
 DOCS = records.ROOT / "docs"
 PAGE = DOCS / "paper.md"
