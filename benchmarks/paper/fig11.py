@@ -81,7 +81,8 @@ def _gaits(found: dict[str, Any], task: str) -> dict[str, Any]:
 def _medians(ones: Sequence[dict[str, Any]]) -> dict[str, Any]:
     names = ("unevenness", "velocity_error", "energy", "seconds")
     own = {name: _median([one[name] for one in ones]) for name in names}
-    return {**own, "converged": sum(one["converged"] for one in ones)}
+    stepping = sum(one["unevenness"] is not None for one in ones)
+    return {**own, "converged": sum(one["converged"] for one in ones), "stepping": stepping}
 
 
 def _median(values: Iterable[float | None]) -> float | None:
@@ -205,7 +206,8 @@ def _of_gaits(task: str, own: dict[str, Any]) -> list[Row]:
 
     def ended(one: dict[str, Any]) -> str:
         return (
-            f"unevenness {_even(one['unevenness'])}, velocity error "
+            f"unevenness {_even(one['unevenness'])} ({one['stepping']} of {own['starts']} starts "
+            "take steps enough), velocity error "
             f"{number(one['velocity_error'])} m/s, E {number(one['energy'], 3)}, "
             f"{seconds(one['seconds'])}, {one['converged']} of {own['starts']} converged"
         )
