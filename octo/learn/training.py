@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import OptimizeResult, minimize
 
 from octo.checks import Array, asked, instance, number, numbers, one_of, whole
 from octo.errors import ProblemError, ShapeError, ValueRangeError
+from octo.learn import lbfgs
 from octo.learn.controls import controls
 from octo.learn.fit import commands_in
-from octo.learn.frame import Frame
+from octo.learn.frame import USUAL, Frame
 from octo.learn.losses import LOSSES, Loss, recurrent, with_decay
 from octo.learn.transition import Transition
 from octo.library import Library
@@ -28,9 +28,8 @@ LEAST = 3  # controls
 PLATEAU, PLATEAU_CHANGE = 100, 0.01
 # of a recurrent training from a network that does not know the motion: parts of the iterations on
 # pieces of it, and of these on single transitions; transitions of a piece, and starts of each, of
-# which all but one are so far beside the motion (rad, ℓ). On a biped's walk of 40 transitions two
-# layers of 32 end at 0.04 of Eq. 16, without what is beside the motion at 6 or more
-PIECES, SINGLE, LENGTHS, COPIES, BESIDE = 2 / 3, 1 / 2, (1, 2, 4, 8), 8, 0.1
+# which all but one are so far beside the motion, in parts of what its numbers vary by (rms)
+PIECES, SINGLE, LENGTHS, COPIES, BESIDE = 2 / 3, 1 / 2, (1, 2, 4, 8), 8, 0.2
 KNOWN = 0.1  # of Eq. 16 of a network that says "stand": below it a network knows the motion
 # of the weights: how far L-BFGS goes at first, how much nearer it begins again, how near at most
 UNIT, NEARER, NEAREST = 0.1, 0.1, 1e-4
@@ -67,7 +66,6 @@ class Training:
 
 
 INTERRUPTED = "interrupted"
-LIMIT, STOPPED = 1, 99  # SciPy's status at the limit of iterations, and where a callback stopped it
 
 
 class _Best:
@@ -230,9 +228,10 @@ def _lengthen(
     taken where the whole motion says that it is better."""
     network, frame = transition.network, transition.frame
     lengths = [length for length in LENGTHS if length < given.shape[-2] - 1]
+    noise = BESIDE * variation(given, frame)
     w, taken = best.w, 0
     for k, length in enumerate(lengths):
-        own = beside(pieces(given, length), frame)
+        own = beside(pieces(given, length), frame, noise)
         told = None if commands is None else np.repeat(commands, len(own) // len(given), axis=0)
         piece = _Best(with_decay(recurrent(network, frame, own, told), network, decay), w)
         share = SINGLE if k == 0 else 1.0 / (len(lengths) - k)
@@ -252,16 +251,24 @@ def pieces(given: Array, length: int) -> Array:
     return np.ascontiguousarray(given[:, places].reshape(-1, length + 1, given.shape[-1]))
 
 
-def beside(own: Array, frame: Frame) -> Array:
+def variation(given: Array, frame: Frame) -> float:
+    """What the numbers of motions (motions, Z + 1, 2n) that a network sees vary by, root mean
+    square, rad and ℓ."""
+    seen = frame.inputs(given).reshape(-1, len(frame.kept))
+    return USUAL * float(np.sqrt(seen.var(axis=0).mean()))
+
+
+def beside(own: Array, frame: Frame, noise: float) -> Array:
     """Pieces (pieces, length + 1, 2n), each ``COPIES`` times, all but one with a start that is
-    normally distributed about its own: what is unrolled comes back to the motion."""
+    normally distributed about its own by ``noise``, rad and ℓ: what is unrolled comes back to the
+    motion."""
     made = np.repeat(own, COPIES, axis=0)
-    noise = np.zeros_like(made[:, 0])
+    moved = np.zeros_like(made[:, 0])
     kept = frame.kept
     random = np.random.default_rng(0).standard_normal((len(made), len(kept)))
-    noise[:, kept] = BESIDE * random * frame.sizes[kept]
-    noise[::COPIES] = 0.0
-    made[:, 0] += noise
+    moved[:, kept] = noise * random * frame.sizes[kept]
+    moved[::COPIES] = 0.0
+    made[:, 0] += moved
     return made
 
 
@@ -269,35 +276,23 @@ def _descend(best: _Best, iterations: int) -> str:
     """Run L-BFGS; why it ended. Where it finds no better weights so far away as it begins with, it
     begins again nearer."""
     stopped, unit = "no iterations were asked for", UNIT
+
+    def watch() -> bool:
+        best.history.append(best.value)
+        if len(best.history) <= PLATEAU:
+            return False
+        before = best.history[-1 - PLATEAU]
+        return before - best.value <= PLATEAU_CHANGE * before
+
     while len(best.history) < iterations and unit >= NEAREST:
-        found = _from(best, iterations - len(best.history), unit)
-        stopped = str(found.message).lower().replace("_", " ").strip(" :")
-        if found.status == STOPPED:
+        left = iterations - len(best.history)
+        stopped = lbfgs.minimise(best, best.w, left, MEMORY, unit, watch)
+        if stopped == lbfgs.WATCHED:
             return f"the loss fell by less than {PLATEAU_CHANGE:.0%} in {PLATEAU} iterations"
-        if found.status == LIMIT:
+        if stopped == lbfgs.LIMIT:
             break
         unit *= NEARER
     return stopped
-
-
-def _from(best: _Best, iterations: int, unit: float) -> OptimizeResult:
-    """L-BFGS from the best weights so far, in units of so much: at first it goes one of them."""
-    options: dict[str, float] = {"maxiter": iterations, "maxfun": 20 * iterations}
-    options |= {"maxcor": MEMORY, "ftol": 0.0, "gtol": 0.0}
-
-    def watch(y: Array) -> None:
-        best.history.append(best.value)
-        if len(best.history) > PLATEAU:
-            before = best.history[-1 - PLATEAU]
-            if before - best.value <= PLATEAU_CHANGE * before:
-                raise StopIteration
-
-    def scaled(y: Array) -> tuple[float, Array]:
-        value, gradient = best(unit * y)
-        return value, unit * gradient
-
-    own = {"jac": True, "callback": watch, "options": options}
-    return minimize(scaled, best.w / unit, method="L-BFGS-B", **own)
 
 
 def _controls(motion: Solution | Array, transition: Transition) -> Array:

@@ -14,6 +14,7 @@ from octo.errors import ProblemError, said
 from octo.model import archive, store
 from octo.result import export, saved
 from octo.result.explanation import LEFT_OUT, MOST, Explanation, explained, sentence_of
+from octo.result.footfalls import Footfalls, footfalls
 from octo.result.gait import Gait, measure_cycle, measure_gait
 from octo.result.trajectory import VECTORS, Trajectory
 from octo.shown import Shown
@@ -133,6 +134,12 @@ class Solution(Trajectory, Shown):
         """How good the motion is, in figures; of a cycle, carried on for some strides. None for
         user-written dynamics."""
         return measure_gait(self) if self.cycle is None else measure_cycle(self)
+
+    @cached_property
+    def footfalls(self) -> list[Footfalls]:
+        """Where and when each foot touches down, and how even that is (``unevenness``); none of
+        user-written dynamics."""
+        return footfalls(self)
 
     def explain(self) -> Explanation:
         """Why the solve ended as it did: ``print(solution.explain())``.

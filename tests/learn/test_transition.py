@@ -11,6 +11,7 @@ from walker import START, walker
 
 import octo
 from octo import learn
+from octo.learn.frame import USUAL
 from octo.learn.losses import LOSSES, with_decay
 from octo.model.charted import charted
 from octo.problem.compiled import CompiledProblem
@@ -28,8 +29,9 @@ def problem(basis: str = "hermite", steps: int = 40, **fields: object) -> octo.P
 def network(of: octo.Problem, state: str = "body", seed: int = 0) -> learn.Transition:
     """One whose weights are of order one, so that nothing is small by chance."""
     made = learn.Transition(hidden=(7, 5), state=state).started(of)
-    random = np.random.default_rng(seed)
-    return made.with_weights(0.3 * random.standard_normal(made.network.count))
+    w = 0.3 * np.random.default_rng(seed).standard_normal(made.network.count)
+    made.network.layers(w)[0][0][:] *= USUAL  # of inputs as large as controls
+    return made.with_weights(w)
 
 
 def regularised(of: octo.Problem, weight: object = 1.0, seed: int = 0) -> octo.Problem:

@@ -75,6 +75,44 @@ def gait(*words, **changes) -> Gait:
     return found
 
 
+def feet(force: np.ndarray, x: np.ndarray, **changes) -> Solution:
+    """The motion of a body for each of two spheres, which are x (N, 2) m ahead."""
+    own = walker()
+    leg = own.bodies[1]
+    bodies = (own.bodies[0], leg, dataclasses.replace(leg, name="other", joints=()))
+    spheres = tuple(dataclasses.replace(c, body=1 + k) for k, c in enumerate(own.contacts))
+    robot = dataclasses.replace(own, bodies=bodies, contacts=spheres)
+    place = x[..., None] * [1.0, 0.0, 0.0]
+    return motion(force, character=robot, contact_point=place, **changes)
+
+
+def test_footfalls():
+    """Steps of 0.8 s and 0.4 m, then one foot alone: three whole stances, one of them late."""
+    force = trot(4.0)
+    x = 0.5 * DT * np.arange(len(force))[:, None] * np.ones(2)
+    left, right = feet(force, x).footfalls
+    assert (left.foot, right.foot) == ("leg", "other")
+    np.testing.assert_allclose(left.begins, [0.8, 1.6, 2.4, 3.2])
+    np.testing.assert_allclose(left.ends - left.begins, 0.5)
+    for own in (left, right):
+        np.testing.assert_allclose(own.periods, 0.8)
+        np.testing.assert_allclose(own.lengths, 0.4)
+        np.testing.assert_allclose(own.unevenness, 0.0, atol=1e-12)
+    late = np.zeros((120, 2))
+    for begin in (8, 40, 88):  # periods of 0.8 s and 1.2 s
+        late[begin : begin + 16, 0] = 60.0
+    (alone,) = feet(late, 0.5 * DT * np.arange(120)[:, None] * np.ones(2)).footfalls
+    np.testing.assert_allclose(alone.periods, [0.8, 1.2])
+    np.testing.assert_allclose(alone.unevenness, [0.2, 0.2])
+    assert feet(late[:80], x[:80]).footfalls[0].unevenness is None
+
+
+def test_heel_and_toe_are_one_foot():
+    force = trot(4.0)
+    (foot,) = motion(force).footfalls
+    assert foot.foot == "leg" and len(foot.periods) == 0  # one of the two always stands
+
+
 def test_square_waves():
     force = trot()
     rise = np.where(force > 0.0, 0.0, 0.02)
