@@ -52,7 +52,6 @@ class How(TypedDict, total=False):
     max_iterations: int | None
     time_limit: float | None
     tolerance: float | None
-    goal: str | None
     device: str
     threads: int
     progress: bool | str
@@ -68,7 +67,6 @@ class Usual:
     max_iterations: int | None = None
     time_limit: float | None = None
     tolerance: float | None = None
-    goal: str | None = None
     device: str = "auto"
     threads: int = 1
     progress: bool | str = False
@@ -77,7 +75,13 @@ class Usual:
 
 @overload
 def solve(
-    problem: Described, *, start: Guess = None, seeds: int = 1, seed: int = 0, **how: Unpack[How]
+    problem: Described,
+    *,
+    start: Guess = None,
+    seeds: int = 1,
+    seed: int = 0,
+    goal: str | None = None,
+    **how: Unpack[How],
 ) -> Solution: ...
 @overload
 def solve(
@@ -86,6 +90,7 @@ def solve(
     start: Start = None,
     seeds: int = 1,
     seed: int = 0,
+    goal: str | None = None,
     **how: Unpack[How],
 ) -> list[Solution]: ...
 @asked
@@ -96,6 +101,7 @@ def solve(
     start: Start = None,
     seeds: int = 1,
     seed: int = 0,
+    goal: str | None = None,
     **how: Unpack[How],
 ) -> Solution | list[Solution]:
     """Find the motion.
@@ -134,7 +140,7 @@ def solve(
     ------
     OctoError: the problem, an option or the device is refused; nothing was computed.
     """
-    return _best(problem, start, seeds=seeds, seed=seed, **how)
+    return _best(problem, start, seeds=seeds, seed=seed, goal=goal, **how)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,6 +149,7 @@ class _Request(Usual):
 
     seeds: int = 1
     seed: int = 0
+    goal: str | None = None
 
     def settings(self, problems: Sequence[Described]) -> SqpOptions:
         """The solver's options, where everything that was asked for can be done."""

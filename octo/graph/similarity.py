@@ -86,7 +86,7 @@ def aligned(one: Array, other: Array, weights: Array | None = None) -> Alignment
     return Alignment(distance, yaw, np.stack([shift.real, shift.imag], axis=-1))
 
 
-def _flat(clouds: Array, w: Array) -> tuple[NDArray[np.complex128], Array, NDArray[np.complex128]]:
+def _flat(clouds: Array, w: Array) -> tuple[NDArray, Array, NDArray]:
     """Horizontal places (n, m) about their middles, heights (n, m), and the middles (n,)."""
     flat = clouds.reshape(len(clouds), -1, 3)
     ground = flat[..., 0] + 1j * flat[..., 1]

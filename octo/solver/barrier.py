@@ -32,7 +32,7 @@ from octo.solver.acceptance import Mask
 from octo.solver.blocks import KKTBlocks
 from octo.solver.bounds import Bounds, Moved, Slacks
 from octo.solver.elastic import Elastic
-from octo.solver.limits import PART, Limits
+from octo.solver.limits import PART, WITHIN, Limits
 
 # of a step, tried whatever rows it would carry beyond their bounds: there a slack stays inside and
 # the filter sees what its row is off. Rows that bend (friction) say changes a hundred times too
@@ -53,7 +53,6 @@ PHASES, WIDTH = 2, 1e-2
 MANY, FAR = 0.05, 0.5
 SAFEGUARD = 1e10  # by which a multiplier may differ from μ/(s − bound)
 EQUAL = 1e-7  # δ of rows whose bounds are equal
-WITHIN = 1e-6  # of a row, by which it may miss its bounds where a solve for feasibility ends
 ROUNDED = 1e-9  # an equality missed by less is met: of δ z it is, where a multiplier moves by z
 # μ falls to the smaller one of LINEAR μ and μ^POWER where errors are below so many μ (§2.1, Eq. 7)
 LINEAR, POWER, ERRORS = 0.2, 1.5, 10.0
@@ -149,9 +148,7 @@ class Barrier(Bounds):
         return np.asarray((self.slacks.mu <= self.last) & (self._off() <= ERRORS * self.last))
 
     def within(self, at: Evaluation) -> Mask:
-        xp, rows = array_module(at.rows), at.rows
-        beyond = xp.maximum(self.limits.lower - rows, rows - self.limits.upper)
-        return np.asarray(host(beyond.reshape(len(rows), -1).max(axis=1)) <= WITHIN)
+        return np.asarray(host(self.limits.beyond(at.rows)) <= WITHIN)
 
     @property
     def lowered(self) -> NDArray[np.intp]:
