@@ -33,8 +33,10 @@ _NAMES = {  # by the module that defines them
     "octo.dynamics.evaluate": "CustomDynamics",
     "octo.dynamics.simulate": "simulate",
     "octo.explain": "explain",
+    "octo.export": "export",
     "octo.get_up": "get_up",
     "octo.goals": "Goal",
+    "octo.graph": "transition",
     "octo.jump": "jump",
     "octo.model.character": "Character",
     "octo.model.describe": "describe",
@@ -140,8 +142,10 @@ if TYPE_CHECKING:
     from octo.dynamics.evaluate import CustomDynamics as CustomDynamics
     from octo.dynamics.simulate import simulate as simulate
     from octo.explain import explain as explain
+    from octo.export import export as export
     from octo.get_up import get_up as get_up
     from octo.goals import Goal as Goal
+    from octo.graph import transition as transition
     from octo.jump import jump as jump
     from octo.model import gallery as gallery
     from octo.model import kinematics as kinematics

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]  # of NumPy, as everything a user gives and gets
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
 STILLS = (".png", ".pdf", ".svg")  # endings of still pictures
+ANIMATED = (".glb", ".bvh", ".mp4", ".gif")  # of what octo.export writes
 SHORTEST_STEP = 1e-9  # s
 LONGEST_STEP = 1.0  # s, of a robot's motion
 MOST_STEPS = 1_000_000  # of a motion: seven hours at 40 Hz

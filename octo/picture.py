@@ -17,7 +17,7 @@ from octo.dynamics.crowd import singles_of
 from octo.errors import ModelError, ValueRangeError
 from octo.model.figure import ARROW, Surface, ball, size, tile
 from octo.model.kinematics import body_poses, sphere_centers
-from octo.model.skins import skins
+from octo.model.skins import Skin, skins
 from octo.result.even import even
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
@@ -41,8 +41,7 @@ TILES = (np.array([0.955, 0.955, 0.95]), np.array([0.90, 0.905, 0.91]))
 SHADOW = np.array([0.78, 0.79, 0.80])
 TRIANGLES = 2000  # of a mesh of the robot's file, about
 AROUND = 1.15  # of a foot's radius: it shows outside of the foot that the file draws
-# edge of a painted triangle, in parts of the character's size: far to near is not defined for long
-# ones
+# edge of a painted triangle, in parts of the size: far to near is not defined for long ones
 LONGEST = 0.12
 STONE = np.array([0.86, 0.84, 0.80])  # colour of the shapes of a world
 # in parts of the character's size: of the ground around its way, and of a world's shapes
@@ -177,7 +176,8 @@ class Scene:
         self.camera, self.terrain, self.scale, self.world = camera, ground, scale, world
         light = -0.45 * camera.axes[0] - 0.55 * camera.axes[2] + np.array([0.0, 0.0, 0.9])
         self.light = light / np.linalg.norm(light)
-        self.reach = (REACH if world is None else WIDE) * scale  # m, of the ground around the way
+        # m, of the ground around the way, and of a triangle of a shape
+        self.reach, self.fine = (REACH if world is None else WIDE) * scale, FINE * scale
         self.bodies: list[tuple[Array, Array]] = []  # (f, 3, 3) m and (f, 3) colours
         self.shapes: list[tuple[Array, Array]] = []  # of the world: the same
         self.floors: list[Drawn] = []  # its planes
@@ -186,7 +186,9 @@ class Scene:
         self.prints = np.zeros((0, 3))
         # start and way (k, 3) m of forces
         self.arrows: list[tuple[Array, Array]] = [(np.zeros((0, 3)), np.zeros((0, 3)))]
-        self.visuals = True  # characters look as their files say
+        # characters look as their files say; not in their colours, but in those of a moment
+        self.visuals, self.colored = True, False
+        self.skins: list[list[Skin]] | None = None  # of the character, once it is drawn
 
     def empty(self) -> Scene:
         """The same ground, footprints and light, without characters."""
@@ -208,11 +210,17 @@ class Scene:
         x = solution.x[frame + 1]
         rotation, origin = body_poses(character, x)
         color = (1 - share) * FAR + share * NEAR
-        drawn = skins(character, self.visuals, TRIANGLES)
-        for own, R, t in zip(drawn, rotation, origin, strict=True):
+        if self.skins is None:
+            self.skins = skins(character, self.visuals, TRIANGLES)
+        for own, R, t in zip(self.skins, rotation, origin, strict=True):
             for skin in own:
-                self._add(skin.surface, R, t + shift, color)
-        centers, singles = sphere_centers(character, x), singles_of(character)
+                own_color = skin.color if self.colored else None
+                self._add(skin.surface, R, t + shift, color if own_color is None else own_color)
+        centers, singles, loaded = (
+            sphere_centers(character, x),
+            singles_of(character),
+            solution.loaded,
+        )
         dressed = {look.body for look in character.looks if self.visuals}
         for c, k in enumerate(character.terrain_contacts):
             if k not in singles:  # a vertex of the surface that is drawn
@@ -220,8 +228,8 @@ class Scene:
             contact = character.contacts[k]
             over = AROUND if contact.body in dressed else 1.0
             radius = over * max(1.12 * contact.radius, 0.02 * self.scale)
-            if solution.loaded[:, c].any():
-                color = LOADED_FOOT if solution.loaded[max(frame - 1, 0), c] else FOOT
+            if loaded[:, c].any():
+                color = LOADED_FOOT if loaded[max(frame - 1, 0), c] else FOOT
                 self._add(ball(np.zeros(3), radius), np.eye(3), centers[k] + shift, color)
         if frame > 0:  # the forces of a step belong to the node that ends it
             on = solution.touched[frame - 1]
@@ -236,9 +244,8 @@ class Scene:
         if self.terrain is not None:
             shadow = corners[normal[:, 2] > 0.0].copy()
             shadow[..., 2] = self.terrain.height(shadow)
-            if (
-                self.world is not None
-            ):  # none on what is steep, where it would be a curtain, or above
+            # none on what is steep, where it would be a curtain, or above
+            if self.world is not None:
                 above = (shadow[..., 2] > corners[normal[:, 2] > 0.0][..., 2]).any(axis=1)
                 steep = np.ptp(shadow[..., 2], axis=1) > STEP * self.scale
                 shadow = shadow[~(above | steep)]
@@ -301,7 +308,7 @@ class Scene:
     def _add_part(self, corners: Array, colors: Array, path: Array, faded: bool = True) -> None:
         """Triangles (f, 3, 3) m in colours (f, 3), cut fine; ``faded``: the colours are so
         already."""
-        corners, colors = near(corners, colors, path, self.reach, FINE * self.scale)
+        corners, colors = near(corners, colors, path, self.reach, self.fine)
         fade = np.ones(len(corners)) if faded else self._fade(corners.mean(axis=1)[:, :2], path)
         for floor in () if faded else self.floors:  # what is buried is not seen from above
             level = floor.height(corners[..., :2].reshape(-1, 2)).reshape(-1, 3)
@@ -356,10 +363,8 @@ class Scene:
             parts, tints = (np.concatenate(part) for part in zip(*self.shapes, strict=True))
             corners = np.concatenate([parts, shadows, corners])
             colors = np.concatenate([tints, np.broadcast_to(SHADOW, (len(shadows), 3)), colors])
-            fine, lower = FINE * self.scale, depth(parts.mean(axis=1))
-            away = np.concatenate(
-                [lower + 1.5 * fine, depth(shadows.mean(axis=1)) + 0.5 * fine, away]
-            )
+            lower, shade = depth(parts.mean(axis=1)), depth(shadows.mean(axis=1))
+            away = np.concatenate([lower + 1.5 * self.fine, shade + 0.5 * self.fine, away])
         order = np.argsort(-away, kind="stable")
         paint(flat(corners[order]), colors[order], 5)
         starts, ways = (flat(np.concatenate(part)) for part in zip(*self.arrows, strict=True))

@@ -17,6 +17,7 @@ from octo.cli import (
     completion,
     cycle,
     explain,
+    export,
     inspect,
     learn,
     mpc,
@@ -41,6 +42,7 @@ EXAMPLES = """examples:
   octo replay demo --starts 5
   octo explain demo
   octo view demo --out motion.html
+  octo export demo --out motion.glb
   octo completion bash > ~/.local/share/bash-completion/completions/octo"""
 
 
@@ -82,6 +84,7 @@ def parser() -> tuple[Parser, dict[str, Parser]]:
         "replay": ("run a saved plan in MuJoCo", replay.add_arguments),
         "explain": ("why a saved solve ended as it did", explain.add_arguments),
         "view": ("a picture of a saved solution or log", view.add_arguments),
+        "export": ("a saved motion as animated glTF, BVH or video", export.add_arguments),
         "completion": (
             "a script with which a shell completes what you type",
             completion.add_arguments,

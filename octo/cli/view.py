@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from octo.checks import STILLS
+from octo.checks import ANIMATED, STILLS
 from octo.cli.arguments import add_options
 from octo.cli.output import OutputFolder
 from octo.errors import OctoError, OutputError
@@ -28,6 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     out = Path(arguments.out)
+    if out.suffix.lower() in ANIMATED:
+        raise OutputError(f"out is {arguments.out!r}: octo export writes {out.suffix} files")
     if out.suffix.lower() not in (".html", ".csv", *STILLS):
         raise OutputError(
             f"out is {arguments.out!r}, must end in .html (moving), {', '.join(STILLS)} (plots) "

@@ -24,10 +24,15 @@ def even(motion: T) -> T:
     own = motion.intervals
     if np.ptp(own) == 0.0:
         return replace(motion, phases=())
-    times, duration = motion.times, float(motion.times[-1])
+    duration = float(motion.times[-1])
     count = round(duration / float(own.min()))
-    dt = duration / count
-    wanted = dt * np.arange(count + 1)
+    return resampled(motion, duration / count, count)
+
+
+def resampled(motion: T, dt: float, count: int) -> T:
+    """The same motion as ``count`` steps of ``dt`` s, in the same way; what of it is later is left
+    out."""
+    times, wanted = motion.times, dt * np.arange(count + 1)
     nodes = [np.interp(wanted, times, column) for column in motion.x[1:].T]
     x = np.stack(nodes, axis=1)
     first = x[:1] - dt * motion.v[:1]  # x_{-1}

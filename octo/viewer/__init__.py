@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from octo.checks import ending, flag, number
-from octo.errors import MissingExtraError, ShapeError
+from octo.checks import ANIMATED, ending, flag, number
+from octo.errors import MissingExtraError, OutputError, ShapeError
 from octo.files import replacing
 from octo.model.figure import size
 from octo.model.quantities import Array
@@ -98,9 +98,9 @@ def view(
     ------
     MissingExtraError: viser is not installed. ModelError: user-written dynamics have no bodies.
     ShapeError: no solution, or not a label for each. OutputError: the file cannot be written, or
-    its ending is not that of a page (a film in a video format is not made).
+    its ending is not that of a page: :func:`octo.export` writes a video.
     """
-    target = None if path is None else ending("path", path, PAGES)
+    target = None if path is None else _page(path)
     viser = _viser()
     solutions = _motions(solution)
     follow, forces = flag("follow", follow), flag("forces", forces)
@@ -122,6 +122,15 @@ def view(
     if target is not None:
         page.save(target)
     return page
+
+
+def _page(path: str | os.PathLike[str]) -> Path:
+    """The path of a page; OutputError, which says who writes what else moves."""
+    kind = os.path.splitext(path)[1].lower() if isinstance(path, (str, os.PathLike)) else ""
+    if kind in ANIMATED:
+        call = f"octo.export(solution, {os.fspath(path)!r})"
+        raise OutputError(f"path ends in {kind}, must end in .html or .htm; {call} writes a {kind}")
+    return ending("path", path, PAGES)
 
 
 def _viser() -> Any:

@@ -373,6 +373,10 @@ def calls() -> dict[str, Call]:
                 "loop": None,
             },
         ),
+        "export": (
+            octo.export,
+            {"solution": standing(), "path": "a.glb", "fps": 10.0, "repeat": 1},
+        ),
         "plot": (octo.plot, {"solution": standing(), "path": None}),
         "filmstrip": (
             octo.filmstrip,

@@ -49,6 +49,7 @@ USUAL = {  # a call that is quickly done
     "simulate": ("simulate", "chain", "--seconds", "0.1", "--dt", "0.05", "--out", "out"),
     "replay": ("replay", "nothing.npz", "--out", "out"),
     "explain": ("explain", "nothing.npz"),
+    "export": ("export", "nothing.npz", "--out", "a.glb"),
     "view": ("view", "nothing.npz", "--out", "a.html"),
     "completion": ("completion", "bash"),
     "help": ("help",),

@@ -37,6 +37,7 @@ COMPLETED = {
     "octo completion f": ["fish"],
     "octo --ver": ["--version"],
     "octo view --o": ["--out"],
+    "octo export --f": ["--fps"],
 }
 
 
@@ -199,7 +200,7 @@ def setup_cfg() -> configparser.ConfigParser:
 
 def test_extras_go_by_one_name_everywhere() -> None:
     extras = set(setup_cfg()["options.extras_require"])
-    assert extras == {"robots", "view", "mesh", "cuda12", "cuda13", "dev", "docs"}
+    assert extras == {"robots", "view", "export", "mesh", "cuda12", "cuda13", "dev", "docs"}
     named: set[str] = set()
     for path in [
         ROOT / "README.md",
