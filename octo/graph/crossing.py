@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octo.checks import Array
 from octo.dynamics.laws import ContactLaw
@@ -21,6 +22,7 @@ from octo.problem.problem import Problem
 from octo.replay.plan import ground_of
 from octo.result.solution import Solution
 
+Steps = NDArray[np.intp]
 SAME = 1e-9  # relative, of time steps and of the numbers of a contact law
 LEVEL = 1e-6  # rad, of a plane
 
@@ -68,7 +70,7 @@ class Crossing:
         assert robot is not None
         return robot
 
-    def similarity(self, every: int = 1) -> tuple[Alignment, Array, Array]:
+    def similarity(self, every: int = 1) -> tuple[Alignment, Steps, Steps]:
         """How alike the two are while each pair of moments is crossed, and which these are, steps
         of the one and of the other, ``every`` so many: (a, b) of moments (a,) and (b,)."""
         clouds, moments = [], []
@@ -84,7 +86,10 @@ class Crossing:
 
     def placed(self, at: int, to: int) -> tuple[Alignment, Placement]:
         """Where the second motion stands when step ``at`` of the first is left for step ``to``."""
-        spans = nodes_of(self.one, at, self.steps), nodes_of(self.other, to - self.steps, self.steps)
+        spans = (
+            nodes_of(self.one, at, self.steps),
+            nodes_of(self.other, to - self.steps, self.steps),
+        )
         found = aligned(*(points_of(self.robot, x)[None] for x in spans))
         return found, Placement(float(found.yaw[0, 0]), found.shift[0, 0])
 

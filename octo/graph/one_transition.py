@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import Any, Unpack
 
 import numpy as np
 
-from octo.checks import Array, asked, instance, positive, steps_in, takes, whole
+from octo.checks import Array, asked, positive, steps_in, takes, whole
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError, ValueRangeError
 from octo.graph.crossing import Crossing, Placement
@@ -16,8 +17,10 @@ from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
 from octo.result.solution import Solution, solution_of
 from octo.shown import Shown
-from octo.solve import Guess, How, Usual, evaluated, solve
+from octo.solve import How, Usual, evaluated, solve
 from octo.solver.status import Status
+
+Given = Solution | str | os.PathLike[str]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,8 +78,8 @@ class Transition(Shown):
 @asked
 @takes(Usual)
 def transition(
-    one: Guess,
-    other: Guess,
+    one: Given,
+    other: Given,
     *,
     seconds: float = 1.0,
     at: int | None = None,
@@ -98,6 +101,7 @@ def transition(
     seconds: of the transition, a whole number of their steps.
     at, to: step of the first motion that is left, and of the second that is reached; where None is
         given, those at which the two are most alike while they are crossed (Kovar et al. 2002).
+        From a motion into itself it leads back: a loop.
     constraints: what must hold: those of a Problem, or "hard", the limits of the robot as
         :func:`octo.limits` lists them.
     goal: as of :func:`octo.solve`: "feasible" ends once all constraints hold, "optimal" at the way
@@ -111,11 +115,12 @@ def transition(
     OctoError: between these motions there is no transition, or an option is refused; nothing was
         computed.
     """
-    first, second = (instance(n, solution_of(m), Solution, "a Solution") for n, m in
-                     (("one", one), ("other", other)))
+    first, second = solution_of(one), solution_of(other)
     steps = steps_in(positive("seconds", seconds, "s"), first.dt)
     if steps < 4:
-        raise ValueRangeError(f"seconds is {seconds:g}, must be four steps of {first.dt:g} s or more")
+        raise ValueRangeError(
+            f"seconds is {seconds:g}, must be four steps of {first.dt:g} s or more"
+        )
     begun = Crossing(first, second, steps, [Effort()], (), law)
     limits = held(begun.robot, constraints)
     at_every_step(limits, "a transition")
@@ -137,15 +142,25 @@ def _moments(crossing: Crossing, at: int | None, to: int | None) -> tuple[int, i
             whole(name, step, 0, motion.steps)
     if at is not None and to is not None:
         return int(at), int(to)
+    if crossing.steps > min(crossing.one.steps, crossing.other.steps):
+        raise ProblemError(f"{_long(crossing)}: give at and to, there they are held still")
     found, leaving, reaching = crossing.similarity()
     rows = np.ones(len(leaving), dtype=bool) if at is None else leaving == at
     columns = np.ones(len(reaching), dtype=bool) if to is None else reaching == to
     if not rows.any() or not columns.any():
-        raise ProblemError(
-            f"a transition of {crossing.steps} steps is longer than what is left of the motions, "
-            f"of {crossing.one.steps} and {crossing.other.steps} steps: give at and to, there they "
-            "are held still"
-        )
-    distance = np.where(rows[:, None] & columns, found.distance, np.inf)
+        raise ProblemError(f"{_long(crossing)} there: give both at and to")
+    asked = rows[:, None] & columns
+    if crossing.one is crossing.other and asked.size > 1:  # back: on is the motion itself
+        asked &= reaching < leaving[:, None]
+        if not asked.any():
+            raise ProblemError("no later step of the motion is left for an earlier one: give both")
+    distance = np.where(asked, found.distance, np.inf)
     a, b = np.unravel_index(int(np.argmin(distance)), distance.shape)
     return int(leaving[a]), int(reaching[b])
+
+
+def _long(crossing: Crossing) -> str:
+    return (
+        f"a transition of {crossing.steps} steps is longer than what is left of the motions, of "
+        f"{crossing.one.steps} and {crossing.other.steps} steps"
+    )
