@@ -37,6 +37,7 @@ _NAMES = {  # by the module that defines them
     "octo.gains": "gains",
     "octo.get_up": "get_up",
     "octo.goals": "Goal",
+    "octo.graph": "transition",
     "octo.jump": "jump",
     "octo.library": "Library library",
     "octo.model.character": "Character",
@@ -147,6 +148,7 @@ if TYPE_CHECKING:
     from octo.gains import gains as gains
     from octo.get_up import get_up as get_up
     from octo.goals import Goal as Goal
+    from octo.graph import transition as transition
     from octo.jump import jump as jump
     from octo.library import Library as Library
     from octo.library import library as library

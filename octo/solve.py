@@ -12,7 +12,7 @@ from typing import Any, TypedDict, Unpack, overload
 
 import numpy as np
 
-from octo.checks import asked, instance, room, takes, whole
+from octo.checks import asked, instance, one_of, room, takes, whole
 from octo.continuation.member import record
 from octo.continuation.run import Continuation
 from octo.continuation.schedule import Schedule, schedule_of, stiffened
@@ -31,7 +31,7 @@ from octo.result.solution import Solution, recorded
 from octo.result.trajectory import Trajectory
 from octo.solver.backend import CPU, Backend
 from octo.solver.clocks import as_long_as
-from octo.solver.options import SqpOptions
+from octo.solver.options import CHOICES, FEASIBLE, SqpOptions
 from octo.solver.sqp import Iterate, Monitor
 from octo.solver.status import Status
 from octo.starts import Starter, first_multipliers, first_nodes, first_slacks, starts_of
@@ -75,7 +75,13 @@ class Usual:
 
 @overload
 def solve(
-    problem: Described, *, start: Guess = None, seeds: int = 1, seed: int = 0, **how: Unpack[How]
+    problem: Described,
+    *,
+    start: Guess = None,
+    seeds: int = 1,
+    seed: int = 0,
+    goal: str | None = None,
+    **how: Unpack[How],
 ) -> Solution: ...
 @overload
 def solve(
@@ -84,6 +90,7 @@ def solve(
     start: Start = None,
     seeds: int = 1,
     seed: int = 0,
+    goal: str | None = None,
     **how: Unpack[How],
 ) -> list[Solution]: ...
 @asked
@@ -94,6 +101,7 @@ def solve(
     start: Start = None,
     seeds: int = 1,
     seed: int = 0,
+    goal: str | None = None,
     **how: Unpack[How],
 ) -> Solution | list[Solution]:
     """Find the motion.
@@ -115,6 +123,8 @@ def solve(
         the same way (``Solution.power``).
     options: how; ``max_iterations`` (of a pass), ``time_limit`` (s, of all passes) and
         ``tolerance`` (‖C‖∞ over the weight) may also be given on their own.
+    goal: "optimal"; "feasible" ends as :meth:`octo.SqpOptions.feasible` says, once all constraints
+        hold and E has stopped falling fast.
     device: "cpu", "cuda", or "auto": the GPU where there is one, else the CPU. The solution's
         ``device`` says which it was, the log of the package ``logging`` (named "octo", level INFO)
         why.
@@ -131,7 +141,7 @@ def solve(
     ------
     OctoError: the problem, an option or the device is refused; nothing was computed.
     """
-    return _best(problem, start, seeds=seeds, seed=seed, **how)
+    return _best(problem, start, seeds=seeds, seed=seed, goal=goal, **how)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,10 +150,13 @@ class _Request(Usual):
 
     seeds: int = 1
     seed: int = 0
+    goal: str | None = None
 
     def settings(self, problems: Sequence[Described]) -> SqpOptions:
         """The solver's options, where everything that was asked for can be done."""
-        chosen = settings_of(self.options, self.max_iterations, self.time_limit, self.tolerance)
+        chosen = settings_of(
+            self.options, self.max_iterations, self.time_limit, self.tolerance, self.goal
+        )
         whole("seeds", self.seeds, most=MOST_STARTS)
         whole("threads", self.threads, most=MOST_THREADS)
         whole("seed", self.seed, 0, LARGEST_SEED)
@@ -269,11 +282,16 @@ def _schedules(problems: Sequence[Described], passes: int | None) -> list[Schedu
     return own
 
 
-def settings_of(options: Any, max_iterations: Any, time_limit: Any, tolerance: Any) -> SqpOptions:
+def settings_of(
+    options: Any, max_iterations: Any, time_limit: Any, tolerance: Any, goal: Any = None
+) -> SqpOptions:
     """The options, with those in place that were given on their own."""
     chosen = SqpOptions()
     if options is not None:
         chosen = instance("options", options, SqpOptions, "an octo.SqpOptions")
+    if goal is not None:
+        one_of("goal", goal, CHOICES["goal"])
+        chosen = replace(chosen, **(FEASIBLE if goal == "feasible" else {"goal": goal}))
     names = ("max_iterations", "time_limit", "tolerance")
     given = dict(zip(names, (max_iterations, time_limit, tolerance), strict=True))
     return replace(chosen, **{name: value for name, value in given.items() if value is not None})

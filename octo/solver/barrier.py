@@ -32,7 +32,7 @@ from octo.solver.acceptance import Mask
 from octo.solver.blocks import KKTBlocks
 from octo.solver.bounds import Bounds, Moved, Slacks
 from octo.solver.elastic import Elastic
-from octo.solver.limits import PART, Limits
+from octo.solver.limits import PART, WITHIN, Limits
 
 # of a step, tried whatever rows it would carry beyond their bounds: there a slack stays inside and
 # the filter sees what its row is off. Rows that bend (friction) say changes a hundred times too
@@ -146,6 +146,9 @@ class Barrier(Bounds):
     @property
     def ended(self) -> Mask:
         return np.asarray((self.slacks.mu <= self.last) & (self._off() <= ERRORS * self.last))
+
+    def within(self, at: Evaluation) -> Mask:
+        return np.asarray(host(self.limits.beyond(at.rows)) <= WITHIN)
 
     @property
     def lowered(self) -> NDArray[np.intp]:

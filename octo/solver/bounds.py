@@ -84,6 +84,11 @@ class Bounds:
         """(batch,) whether the problem that is solved now is the last one."""
         return True
 
+    def within(self, at: Evaluation) -> Mask | bool:
+        """(batch,) whether the rows of an iterate are between their bounds."""
+        del at
+        return True
+
     def weigh(self, problem: BlockNLP, at: Evaluation) -> None:
         """Set the weights, shifts and multipliers of the rows, before a linearisation at ``at``."""
 

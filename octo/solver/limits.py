@@ -13,6 +13,7 @@ from octo.solver.bounds import Slacks
 
 INSIDE = 1e-2  # how far from a bound a slack starts, in parts of max(1, |bound|) and of the room
 PART = 0.99  # of the way to a bound, or of a multiplier to zero, that one step may go
+WITHIN = 1e-6  # of a row, by which it may miss its bounds where a solve for feasibility ends
 # a slack to a bound: in parts of μ/z where it is to end, but no nearer and no further than this
 RELATIVE, NEAREST, FURTHEST = 1e-2, 1e-13, 1e-8
 
@@ -81,6 +82,11 @@ class Limits:
     def residual(self, rows: Array, s: Array) -> Array:
         """r − s, zero where a row has no bound."""
         return array_module(rows).where(self.used, rows - s, 0.0)
+
+    def beyond(self, rows: Array) -> Array:
+        """(batch,) by how much a row misses its bounds at most; negative where all have room."""
+        off = array_module(rows).maximum(self.lower - rows, rows - self.upper)
+        return off.reshape(len(off), -1).max(axis=1)
 
     def select(self, members: NDArray[np.intp]) -> Limits:
         chosen = like(members, self.lower)

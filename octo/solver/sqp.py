@@ -237,7 +237,8 @@ class _Run:
         stopped = self.monitor.show(iteration, self.at, self.violation)
         if stopped or some(move.converged | move.failed | plateau):
             acceptable = plateau & (self.violation <= self.tolerance) & ~move.converged
-            acceptable &= self.bounds.ended
+            kept = self.options.goal == "feasible"
+            acceptable &= self.bounds.within(self.at) if kept else self.bounds.ended
             stalled = move.failed & ~(acceptable | move.converged)
             ended = [(move.converged, Status.CONVERGED), (acceptable, Status.ACCEPTABLE)]
             ended.append((stalled, Status.STALLED))

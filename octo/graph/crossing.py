@@ -1,0 +1,154 @@
+"""The problem of a transition (§8.6): from a moment of one motion to a moment of another, both ends
+fixed, and where the second one stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octo.checks import Array
+from octo.dynamics.laws import ContactLaw
+from octo.errors import ProblemError
+from octo.graph.similarity import Alignment, aligned, points_of
+from octo.model.character import Character
+from octo.motions.path import blend, ground_law
+from octo.problem.constraints import Constraint
+from octo.problem.costs import Cost
+from octo.problem.hard import beside, standing
+from octo.problem.problem import Problem
+from octo.replay.plan import ground_of
+from octo.result.solution import Solution
+
+Steps = NDArray[np.intp]
+SAME = 1e-9  # relative, of time steps and of the numbers of a contact law
+LEVEL = 1e-6  # rad, of a plane
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where a motion is laid: turned by ``yaw`` rad about z, then carried by ``shift`` (2,) m."""
+
+    yaw: float
+    shift: Array
+
+    def moved(self, x: Array, first: int) -> Array:
+        """Configurations (…, nx) of a floating base whose coordinates begin at ``first``."""
+        made = x.copy()
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        ground = slice(first, first + 2)
+        made[..., ground] = x[..., ground] @ np.array([[c, s], [-s, c]]) + self.shift
+        made[..., first + 3] += self.yaw
+        return made
+
+
+@dataclass(frozen=True, eq=False)
+class Crossing:
+    """What all transitions between two motions share.
+
+    Attributes
+    ----------
+    one, other: the motions; of the same robot, on the same level ground, with the same law and dt.
+    steps: of a transition. costs, constraints: of its problem. law: of contact, as a Problem's.
+    """
+
+    one: Solution
+    other: Solution
+    steps: int
+    costs: Sequence[Cost]
+    constraints: Sequence[Constraint] = ()
+    law: ContactLaw | None = None
+
+    def __post_init__(self) -> None:
+        check_alike(self.one, self.other)
+
+    @property
+    def robot(self) -> Character:
+        robot = self.one.character
+        assert robot is not None
+        return robot
+
+    def similarity(self, every: int = 1) -> tuple[Alignment, Steps, Steps]:
+        """How alike the two are while each pair of moments is crossed, and which these are, steps
+        of the one and of the other, ``every`` so many: (a, b) of moments (a,) and (b,)."""
+        clouds, moments = [], []
+        for motion, leads in ((self.one, False), (self.other, True)):
+            # where a motion is held still before its start, or after its end, none is crossed
+            own = np.arange(0, motion.steps + 1, every)
+            own = own[own >= self.steps] if leads else own[own <= motion.steps - self.steps]
+            points = points_of(self.robot, motion.x[1:])
+            over = np.arange(self.steps + 1) - (self.steps if leads else 0)
+            clouds.append(points[own[:, None] + over])
+            moments.append(own)
+        return aligned(*clouds), moments[0], moments[1]
+
+    def placed(self, at: int, to: int) -> tuple[Alignment, Placement]:
+        """Where the second motion stands when step ``at`` of the first is left for step ``to``."""
+        spans = (
+            nodes_of(self.one, at, self.steps),
+            nodes_of(self.other, to - self.steps, self.steps),
+        )
+        found = aligned(*(points_of(self.robot, x)[None] for x in spans))
+        return found, Placement(float(found.yaw[0, 0]), found.shift[0, 0])
+
+    def problem(self, at: int, to: int, placed: Placement) -> tuple[Problem, Array]:
+        """From step ``at`` of the first motion to step ``to`` of the second, and a first guess
+        (steps + 1, nx): the one blended into the other."""
+        base, dt = self.robot.base_coordinate, self.one.dt
+        before = nodes_of(self.one, at - 1, self.steps + 1)
+        after = placed.moved(nodes_of(self.other, to - self.steps - 1, self.steps + 1), base)
+        rest = Problem(self.robot, steps=3, dt=dt, costs=self.costs, law=self.law)
+        problem = Problem(
+            self.robot,
+            steps=self.steps,
+            dt=dt,
+            costs=beside(self.constraints, self.costs),
+            constraints=[standing(c.placed(rest.setting), rest.start) for c in self.constraints],
+            terrain=ground_of(self.one),
+            law=self.law,
+            x0=before[1],
+            v0=(before[1] - before[0]) / dt,
+            x_end=after[-1],
+            v_end=(after[-1] - after[-2]) / dt,
+            parameters=ground_law(self.one),
+        )
+        guess = blend(before[1:], after[1:])
+        guess[-2] = after[-2]
+        return problem, guess
+
+
+def nodes_of(motion: Solution, first: int, steps: int) -> Array:
+    """(steps + 1, nx) x_first …; x_{-1} before a motion, x_N behind it."""
+    at = np.clip(np.arange(first, first + steps + 1), -1, motion.steps)
+    return np.asarray(motion.x[at + 1])
+
+
+def check_alike(one: Solution, other: Solution) -> None:
+    """Raises
+    ------
+    ProblemError: from the one to the other there is no transition: names what differs."""
+    for motion in (one, other):
+        robot = motion.character
+        if robot is None or robot.base != "floating" or robot.objects:
+            raise ProblemError(
+                f"a motion is of {motion.name}, must be of one robot with a floating base"
+            )
+        ground = ground_of(motion)
+        if motion.world is not None or abs(getattr(ground, "slope", 0.0)) > LEVEL:
+            raise ProblemError(
+                f"a motion of {motion.name} is on another ground than a level plane: it cannot be "
+                "laid elsewhere"
+            )
+    a, b = one.character, other.character
+    assert a is not None and b is not None
+    if a.name != b.name or a.nx != b.nx or a.chart != b.chart:
+        raise ProblemError(f"the motions are of {a.name} and of {b.name}, must be of one robot")
+    if abs(one.dt - other.dt) > SAME * one.dt:
+        raise ProblemError(f"dt is {one.dt:g} s of the one motion, {other.dt:g} s of the other")
+    law, its = ground_law(one), ground_law(other)
+    for name in sorted({*law, *its}):
+        first, second = law.get(name), its.get(name)
+        if first is None or second is None or abs(first - second) > SAME * max(abs(first), 1.0):
+            raise ProblemError(f"{name} is {first} of the one motion, {second} of the other")
