@@ -80,6 +80,7 @@ _MODULES = {
     "costs": "octo.costs",
     "errors": "octo.errors",
     "gallery": "octo.model.gallery",
+    "graph": "octo.graph",
     "kinematics": "octo.model.kinematics",
     "laws": "octo.dynamics.laws",
     "learn": "octo.learn",
@@ -96,6 +97,7 @@ __all__ = sorted([*_HOME, *_MODULES])
 if TYPE_CHECKING:
     from octo import costs as costs
     from octo import errors as errors
+    from octo import graph as graph
     from octo import learn as learn
     from octo import mpc as mpc
     from octo import plant as plant

@@ -131,7 +131,7 @@ class SqpOptions:
         """A motion that satisfies all constraints, not the best one: it ends, "acceptable", once
         they are met and E changed by less than 3 % in three iterations. Of transitions of a second
         between two walks 24 of 24 end so after 36 iterations (median), 46 with bounds; of E to the
-        end 2 of 12 within 300 (docs/notes/graph.md)."""
+        end 2 of 12 within 300 (docs/transitions.md)."""
         return cls(**{**FEASIBLE, **changes})
 
     @classmethod

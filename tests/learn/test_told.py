@@ -57,7 +57,7 @@ def test_gradient_with_respect_to_the_weights(loss: str) -> None:
     f = LOSSES[loss](of.network, of.frame, controls, commands)
     w, along = of.weights, made.standard_normal(of.network.count)
     value, gradient = f(w)
-    steps = 1e-2 * 0.5 ** np.arange(5)
+    steps = 1e-3 * 0.5 ** np.arange(5)
     remainder = [abs(f(w + h * along)[0] - value - h * (gradient @ along)) for h in steps]
     slope = np.diff(np.log(remainder)) / np.diff(np.log(steps))
     assert abs(slope[-1] - 2.0) < 0.05, slope
@@ -114,7 +114,7 @@ def test_a_robots_library_says_of_its_state_what_a_problem_says() -> None:
 def test_pieces_keep_their_commands() -> None:
     given = np.arange(3 * 7 * 4.0).reshape(3, 7, 4)
     frame = told().started(library()).frame
-    made = beside(pieces(given, 2), frame)
+    made = beside(pieces(given, 2), frame, 0.1)
     assert len(made) % 3 == 0
     place = np.repeat(np.arange(3), len(made) // 3)
     np.testing.assert_array_equal(made[:, 1, 0] // 28, place)
