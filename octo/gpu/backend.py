@@ -56,10 +56,10 @@ class DeviceBackend(Backend):
         problem = _single(problem)
         if problem.problems[0].duration is not None:
             raise DeviceError("duration is free, must be fixed on a GPU: solve with device='cpu'")
-        if problem.arrays:
+        if problem.arrays.only_here:
             raise DeviceError(
-                f"{problem.arrays.labels[0]} is written in arrays, which a GPU does not evaluate "
-                "yet: solve with device='cpu'"
+                f"{problem.arrays.only_here[0]} is written in NumPy's arrays, which a GPU does not "
+                "evaluate: solve with device='cpu', or let it take CuPy's and say anywhere = True"
             )
         if problem.plan.extra or problem.plan.extra_rows:
             raise DeviceError(

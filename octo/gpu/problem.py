@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from octo.arrays import host
 from octo.gpu.device import Array, Device
 from octo.gpu.program import NARROW, PARTS, SMALL, TILED, TOGETHER, WARP, Program
 from octo.gpu.step_pairs import Numbers
@@ -37,6 +38,7 @@ class DeviceProblem:
         self.carry: Array | None = None if problem.carry is None else device.array(problem.carry)
         # of the nodes where nothing moves
         self.rest: Array | None = None
+        self.arrays = problem.arrays
         if self.program.kept is not None:
             self.rest = device.array(np.zeros(problem.constant.shape))
         self._tables: dict[str, Array] = (
@@ -84,6 +86,8 @@ class DeviceProblem:
             whole = getattr(self, name)
             setattr(part, name, None if whole is None else self.xp.ascontiguousarray(whole[chosen]))
         part.batch = len(part.p)
+        if self.arrays:
+            part.arrays = self.arrays.take(host(chosen))
         return part
 
     @property
@@ -146,6 +150,7 @@ class DeviceProblem:
             program.between.values(self.anchor, at.unknowns, self.q, at.terms)
         if program.pairs is not None:
             program.pairs.values(self._pair_numbers(at), at.terms)
+        self.arrays.values(at.unknowns, at.nodes, at.terms)
         if self.ma:
             sums = [tables[f"tests_{part}"] for part in ("first", "source", "value")]
             rows = (self.steps, self.K * self.host.stencil.parts, *sums, self.row_scale, at.fd)
@@ -191,6 +196,7 @@ class DeviceProblem:
         model.R = kept
         if pairs is not None:
             pairs.add(self._tables, model.H, model.b)
+        self.arrays.add(at.unknowns, at.nodes, model.H, model.b)
         return model
 
     def row_products(self, model: Model, delta: Array) -> Array:

@@ -75,10 +75,12 @@ class Workspace:
 
 
 class Sequence(Generic[T]):
-    """``launches`` over fixed arrays, and what it returns: the same arrays every time."""
+    """``launches`` over fixed arrays, and what it returns: the same arrays every time; ``plain``
+    ones are never captured, for they also reckon with arrays of their own."""
 
-    def __init__(self, device: Any, launches: Callable[[], T]):
+    def __init__(self, device: Any, launches: Callable[[], T], plain: bool = False):
         self._device, self._launches, self._workspace = device, launches, Workspace(device)
+        self._plain = plain
         self._graph: Graph | None = None
         self._made: T
         self._ran = False
@@ -87,7 +89,7 @@ class Sequence(Generic[T]):
         """The first run compiles and allocates; the second is captured, where the device has
         graphs."""
         device = self._device
-        if self._graph is None and self._ran and device.graphs:
+        if self._graph is None and self._ran and device.graphs and not self._plain:
             began = time.perf_counter()
             try:
                 self._graph = device.capture(self._run)

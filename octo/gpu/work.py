@@ -63,7 +63,7 @@ class Work:
         self._placed: tuple[Any, Any] = (None, None)
         self._written: dict[str, NDArray[Any]] = {}
         self.models = {exact: Modelled(self, exact) for exact in (True, False)}
-        self._evaluate = Sequence(device, self.launch_trial)
+        self._evaluate = Sequence(device, self.launch_trial, bool(problem.arrays))
 
     @property
     def together(self) -> bool:
@@ -151,10 +151,11 @@ class Modelled:
         self._work, self._exact = work, exact
         self.model: Model | None = None
         device = work.device
-        self._linearize = Sequence(device, self._launch_linearize)
+        plain = bool(work.problem.arrays)
+        self._linearize = Sequence(device, self._launch_linearize, plain)
         self._factor = Sequence(device, self._launch_factor)
         self._attempt, self._refined, self._again = (
-            Sequence(device, partial(self._launch_step, begin, refined))
+            Sequence(device, partial(self._launch_step, begin, refined), plain)
             for begin, refined in ((True, False), (True, True), (False, True))
         )
         self._step: Solving | None = None  # (−b, rhs_c) and what is known of its solution

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.arrays import Array, array_module
+from octo.arrays import Array, array_module, like
 
 # what numbers of a control vary by, in sizes: 0.4 in a long walk, 0.1 in a stride. Inputs that were
 # as small as these would leave a new network nearly linear
@@ -83,25 +83,24 @@ class Frame:
     def inputs(self, c: Array) -> Array:
         """s (…, inputs) of controls (…, 2n)."""
         made = self.turned(c, c)
-        made[..., : self.n] = c[..., : self.n] - self.center
-        return (made / self._units)[..., self.kept]
+        made[..., : self.n] = c[..., : self.n] - like(self.center, c)
+        return (made / like(self._units, c))[..., like(self.kept, c)]
 
     def held(self, c: Array) -> Array:
         """(…, 2n) the pose at rest, where c (…, 2n) is."""
         made = array_module(c).zeros_like(c)
-        made[..., : self.n] = self.center
-        if self.heading is not None:
-            own = list(self.heading)
-            made[..., own] = c[..., own]
+        made[..., : self.n] = like(self.center, c)
+        for j in self.heading or ():
+            made[..., j] = c[..., j]
         return made
 
     def change(self, c: Array, c_next: Array) -> Array:
         """(…, 2n) what f(s) should be for c_next to follow c, in the frame and in sizes."""
-        return self.turned(c, c_next - self.held(c)) / self.sizes
+        return self.turned(c, c_next - self.held(c)) / like(self.sizes, c)
 
     def following(self, c: Array, f: Array) -> Array:
         """(…, 2n) the control after c (…, 2n) for a network's outputs f (…, 2n)."""
-        return self.held(c) + self.turned(c, f * self.sizes, 1.0)
+        return self.held(c) + self.turned(c, f * like(self.sizes, c), 1.0)
 
     # -- derivatives -------------------------------------------------------------------------------
 
@@ -110,8 +109,8 @@ class Frame:
         respect to the inputs."""
         xp = array_module(slopes)
         whole = xp.zeros((*slopes.shape[:-1], 2 * self.n))
-        whole[..., self.kept] = slopes
-        whole /= self._units
+        whole[..., like(self.kept, c)] = slopes
+        whole /= like(self._units, c)
         if self.heading is not None:
             bent = self._bent(c)[..., None, :]
             along = (whole * bent).sum(axis=-1)
@@ -150,12 +149,13 @@ class Frame:
         xp = array_module(c)
         eye = xp.broadcast_to(xp.eye(2 * self.n), (*c.shape, 2 * self.n))
         # a row of a turn by −ψ is a column of a turn by ψ
-        of_next = self.turned(c[..., None, :], eye, 1.0) / self.sizes[:, None]
+        sizes = like(self.sizes, c)
+        of_next = self.turned(c[..., None, :], eye, 1.0) / sizes[:, None]
         of_c = xp.zeros_like(of_next)
         if self.heading is None:
             return of_c, of_next
-        own = list(self.heading)
-        of_c[..., own] = -of_next[..., own]
-        bent = self.turned(c, c_next - self.held(c), slope=True) / self.sizes
+        for j in self.heading:
+            of_c[..., j] = -of_next[..., j]
+        bent = self.turned(c, c_next - self.held(c), slope=True) / sizes
         of_c[..., self.heading[2]] += bent
         return of_c, of_next

@@ -24,6 +24,7 @@ class Markovian(ArrayCost):
     transition: the network, with weights.
     """
 
+    anywhere = True
     transition: Transition | None = None
 
     def __post_init__(self) -> None:

@@ -4,7 +4,7 @@ CasADi cannot say at its size, above all a network."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from octo.arrays import Array
 from octo.errors import ProblemError
@@ -23,7 +23,12 @@ class ArrayCost(Cost):
     τ ẋ_k), k = 0 … Z, c_0 included. E has weight/scale times the mean of |r|² over these
     transitions, its model JᵀJ. What the residual is made of is data: other numbers of it compile
     nothing.
+
+    A class whose ``value`` and ``slopes`` also take arrays of a device (CuPy's, through
+    ``octo.arrays.array_module``) says ``anywhere = True``: a GPU evaluates it then.
     """
+
+    anywhere: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

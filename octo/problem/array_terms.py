@@ -2,8 +2,8 @@
 both bases: r(c_i, c_{i+1}) looks at three or four blocks of the unknowns, which lie in two or three
 neighbouring units, so that H keeps its pattern.
 
-It stands behind what evaluates the steps, native code or CasADi's virtual machine: only values of
-terms, H and b are added to.
+It stands behind what evaluates the steps, native code, CasADi's virtual machine or a device's
+kernels: only values of terms, H and b, which lie where the unknowns are, are added to.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import Array
+from octo.arrays import Array, array_module, like
 from octo.errors import ProblemError, ShapeError
 from octo.problem.array_costs import ArrayCost
 from octo.problem.basis import Basis, Hermite, Nodes, PairedNodes
 from octo.problem.data import Data
-from octo.problem.neighbours import controls_of
+from octo.problem.neighbours import anchors
 from octo.problem.plan import Plan
 from octo.problem.problem import Problem
 
@@ -99,6 +99,11 @@ class ArrayTerms:
     def labels(self) -> list[str]:
         return [term.label for term in self._own(self.problems[0])]
 
+    @property
+    def only_here(self) -> list[str]:
+        """The labels of those that take arrays of NumPy alone."""
+        return [term.label for term in self._own(self.problems[0]) if not term.anywhere]
+
     @cached_property
     def _window(self) -> Window:
         return Window.of(self.plan)
@@ -116,11 +121,25 @@ class ArrayTerms:
                 made.setdefault((k, id(term)), (term, []))[1].append(member)
         return [(k, term, np.array(members)) for (k, _), (term, members) in made.items()]
 
+    def take(self, members: NDArray[np.intp]) -> ArrayTerms:
+        """Of some members, by index."""
+        made: ArrayTerms = object.__new__(ArrayTerms)
+        made.plan, made.data, made.places = self.plan, self.data.select(members), self.places
+        made.problems = tuple(self.problems[int(k)] for k in members)
+        return made
+
     def _controls(self, unknowns: Array, nodes: Array) -> Array:
         """(batch, transitions + 1, 2n)."""
+        xp = array_module(unknowns)
         if isinstance(self.plan.basis, Hermite):
-            return controls_of(self.plan, self.data, unknowns)
-        return np.concatenate([nodes[:, 1:], np.diff(nodes, axis=1)], axis=-1)
+            controls = like(anchors(self.plan, self.data), unknowns)
+            controls[:, 1:] += unknowns[:, :-1, : self.plan.nodal]
+            return controls
+        return xp.concatenate([nodes[:, 1:], nodes[:, 1:] - nodes[:, :-1]], axis=-1)
+
+    def _all(self, members: NDArray[np.intp], array: Array) -> Array | slice:
+        """The members as an index of ``array``."""
+        return slice(None) if len(members) == len(self.problems) else like(members, array)
 
     def _weight(self, k: int) -> Array:
         """(batch, transitions) what |r|² counts with."""
@@ -134,31 +153,34 @@ class ArrayTerms:
             return
         controls = self._controls(unknowns, nodes)
         length = self.plan.steps // (controls.shape[1] - 1)
+        xp = array_module(controls)
         for k, term, members in self._groups:
-            own, weight = controls[members], self._weight(k)[members]
+            at, weight = self._all(members, controls), like(self._weight(k)[members], controls)
+            own = controls[at]
             with np.errstate(over="ignore", invalid="ignore"):  # a step too far is not taken
                 r = term.value(own[:, :-1], own[:, 1:], self.problems[members[0]].setting)
                 _check_shape(term, "value", r, (*weight.shape, r.shape[-1]))
-                share = np.where(weight == 0.0, 0.0, weight * (r**2).sum(axis=-1))
-            terms[members, :, k] = 0.0
-            terms[members, length - 1 :: length, k] = share
+                share = xp.where(weight == 0.0, 0.0, weight * (r**2).sum(axis=-1))
+            terms[at, :, k] = 0.0
+            terms[at, length - 1 :: length, k] = share
 
     def add(self, unknowns: Array, nodes: Array, H: Array | None, b: Array) -> None:
         """Adds 2 JᵀJ, where there is an H, and 2 Jᵀr to the blocks."""
         if not self:
             return
         controls, n = self._controls(unknowns, nodes), self.plan.n
+        xp, chain = array_module(controls), like(self._window.chain, controls)
         for k, term, members in self._groups:
-            own, weight = controls[members], self._weight(k)[members]
+            own = controls[self._all(members, controls)]
+            weight = like(self._weight(k)[members], controls)
             r, slopes = term.slopes(own[:, :-1], own[:, 1:], self.problems[members[0]].setting)
             _check_shape(term, "slopes", slopes, (*weight.shape, r.shape[-1], 4 * n))
-            chain = self._window.chain
-            split = slopes.reshape(*slopes.shape[:-1], 4, n)
             # of the blocks, with the root of twice the weight
-            root = np.sqrt(2.0 * weight)[..., None, None]
-            J = root * (np.einsum("...kn,bk->...bn", split, chain).reshape(*r.shape, -1))
-            r = root[..., 0] * r
-            J[weight == 0.0], r[weight == 0.0] = 0.0, 0.0  # they may not be finite there
+            root = xp.sqrt(2.0 * weight)[..., None]
+            J = chain @ slopes.reshape(*slopes.shape[:-1], 4, n)
+            J = root[..., None] * J.reshape(*r.shape, -1)
+            idle = weight[..., None] == 0.0  # they may not be finite there
+            J, r = xp.where(idle[..., None], 0.0, J), xp.where(idle, 0.0, root * r)
             self._scatter(J, (r[..., None, :] @ J)[..., 0, :], members, H, b)
 
     def _scatter(
@@ -167,15 +189,16 @@ class ArrayTerms:
         """Adds JᵀJ and a gradient of the blocks, (members, transitions, …)."""
         n, unit = self.plan.n, self._window.unit
         blocks = [slice(a * n, (a + 1) * n) for a in range(len(self._window.chain))]
-        row = members[:, None]
-        square = None if H is None else np.swapaxes(J, -1, -2) @ J
+        row = like(members[:, None], b)
+        square = None if H is None else array_module(J).swapaxes(J, -1, -2) @ J
         for a, c, where, parts in self._pairs:
-            at, to = unit[where, a], blocks[parts[0]]
+            own, to = like(where, b), blocks[parts[0]]
+            at, lag = like(unit[where, a], b), like(unit[where, a] - unit[where, c], b)
             if a == c:
-                b[row, at, to] += gradient[:, where, blocks[a]]
+                b[row, at, to] += gradient[:, own, blocks[a]]
             if H is not None and square is not None:
-                over = square[:, where, blocks[a], blocks[c]]
-                H[row, at, at - unit[where, c], to, blocks[parts[1]]] += over
+                over = square[:, own, blocks[a], blocks[c]]
+                H[row, at, lag, to, blocks[parts[1]]] += over
 
 
 def _check(term: ArrayCost, problem: Problem, basis: Basis) -> None:

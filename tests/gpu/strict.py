@@ -61,6 +61,7 @@ class ndarray:  # noqa: N801  (the name CuPy's has)
     def get_view(self) -> np.ndarray:
         return self._values
 
+    T = property(lambda self: _made(self._values.T))
     shape = property(lambda self: self._values.shape)
     ndim = property(lambda self: self._values.ndim)
     size = property(lambda self: self._values.size)
@@ -162,6 +163,10 @@ for _name in (
     "arange",
     "eye",
     "swapaxes",
+    "cos",
+    "sin",
+    "exp",
+    "tanh",
     "broadcast_to",
 ):
     globals()[_name] = _function(_name)
@@ -176,6 +181,10 @@ class linalg:  # noqa: N801  (the name CuPy's has)
 
 def stack(arrays: Any, axis: int = 0) -> ndarray:
     return _made(np.stack([_bare(array) for array in arrays], axis=axis))
+
+
+def concatenate(arrays: Any, axis: int = 0) -> ndarray:
+    return _made(np.concatenate([_bare(array) for array in arrays], axis=axis))
 
 
 nan, inf = np.nan, np.inf
