@@ -68,7 +68,7 @@ class Gains:
 SPREAD = 0.05
 CONE = 0.75  # of the friction coefficient, that spread forces may use
 # kp in mg·ℓ a radian: 94 N m/rad of a go2. With half of it, as well damped, 10 of 25 replays of a
-# mammal's walks of 10 s stand without base feedback, not 15, of a go2's 15, not 20; with more of
+# mammal's walks of 10 s stand without base feedback, not 15, of a go2's 15, not 18; with more of
 # it no more
 JOINT = 2.0
 JOINT_DAMPING = 0.127  # kd/kp in √(ℓ/g)
