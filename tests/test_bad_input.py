@@ -237,7 +237,8 @@ CASES = {
     "info of nothing": ("info", "FILE or --devices"),
     "info of a missing file": ("info nowhere.urdf --json", "nowhere.urdf", "no such file"),
     "a picture of a text": ("view text.npz", "text.npz", "not a solution"),
-    "a picture of another kind": ("view other.npz --out walk.gif", "walk.gif", ".html", ".png"),
+    "a picture of another kind": ("view other.npz --out walk.bmp", "walk.bmp", ".html", ".png"),
+    "a film of another command": ("view other.npz --out walk.gif", "walk.gif", "octo export"),
     "a simulation of no time": ("simulate mammal --seconds 0", "--seconds", "positive"),
 }
 
