@@ -12,9 +12,11 @@ from octo.checks import Array, asked, positive, steps_in, takes, whole
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError, ValueRangeError
 from octo.graph.crossing import Crossing, Placement
+from octo.motions.path import ground_law
 from octo.problem.hard import Held, at_every_step, held
 from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
+from octo.replay.plan import ground_of
 from octo.result.solution import Solution, solution_of
 from octo.shown import Shown
 from octo.solve import How, Usual, evaluated, solve
@@ -35,6 +37,7 @@ class Transition(Shown):
     distance: m, how unlike the two are while it lasts (root mean square over a cloud of points).
     yaw, shift: rad about z, and then (2,) m, by which the second motion is laid where the first
         leads.
+    law: of contact, as it was given.
     """
 
     motion: Solution
@@ -45,6 +48,7 @@ class Transition(Shown):
     distance: float
     yaw: float
     shift: Array
+    law: ContactLaw | None = None
 
     def __str__(self) -> str:
         dt = self.motion.dt
@@ -61,16 +65,16 @@ class Transition(Shown):
         placed = Placement(self.yaw, self.shift)
         after = placed.moved(self.other.x[self.to + 2 :], robot.base_coordinate)
         x = np.concatenate([self.one.x[: self.at + 1], self.motion.x[1:], after])
-        dt, law = self.motion.dt, self.motion.parameters
-        own = {name: value for name, value in law.items() if name.startswith("contact.")}
         problem = Problem(
             robot,
             steps=len(x) - 2,
-            dt=dt,
+            dt=self.motion.dt,
             costs=[Effort()],
+            terrain=ground_of(self.one),
+            law=self.law,
             x0=x[1],
-            v0=(x[1] - x[0]) / dt,
-            parameters=own,
+            v0=(x[1] - x[0]) / self.motion.dt,
+            parameters=ground_law(self.motion),
         )
         return evaluated(problem, x[1:], Status.JOINED)
 
@@ -132,7 +136,7 @@ def transition(
     options: dict[str, Any] = {"passes": 1, **given}
     motion = solve(problem, start=guess, goal=goal, **options)
     distance = float(found.distance[0, 0])
-    return Transition(motion, first, second, left, reached, distance, placed.yaw, placed.shift)
+    return Transition(motion, first, second, left, reached, distance, placed.yaw, placed.shift, law)
 
 
 def _moments(crossing: Crossing, at: int | None, to: int | None) -> tuple[int, int]:
