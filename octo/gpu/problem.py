@@ -38,12 +38,12 @@ class DeviceProblem:
         self.carry: Array | None = None if problem.carry is None else device.array(problem.carry)
         # of the nodes where nothing moves
         self.rest: Array | None = None
-        self.arrays = problem.arrays
         if self.program.kept is not None:
             self.rest = device.array(np.zeros(problem.constant.shape))
         self._tables: dict[str, Array] = (
             like._tables if like is not None and like._fits(problem) else self._upload()
         )
+        self.arrays = problem.arrays
         own = problem
         self.problems, self.functions, self.dynamics = own.problems, own.functions, own.dynamics
         self.batch, self.steps, self.n, self.K = len(self.p), own.steps, own.n, own.K

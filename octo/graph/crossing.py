@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from octo.checks import Array
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
-from octo.graph.similarity import Alignment, aligned, points_of
+from octo.graph.similarity import Alignment, aligned, points_of, windows
 from octo.model.character import Character
 from octo.motions.path import blend, ground_law
 from octo.problem.constraints import Constraint
@@ -70,6 +71,12 @@ class Crossing:
         assert robot is not None
         return robot
 
+    @cached_property
+    def _held(self) -> list[Constraint]:
+        """The constraints, as they are meant of the robot that stands."""
+        rest = Problem(self.robot, steps=3, dt=self.one.dt, costs=self.costs, law=self.law)
+        return [standing(own.placed(rest.setting), rest.start) for own in self.constraints]
+
     def similarity(self, every: int = 1) -> tuple[Alignment, Steps, Steps]:
         """How alike the two are while each pair of moments is crossed, and which these are, steps
         of the one and of the other, ``every`` so many: (a, b) of moments (a,) and (b,)."""
@@ -79,8 +86,7 @@ class Crossing:
             own = np.arange(0, motion.steps + 1, every)
             own = own[own >= self.steps] if leads else own[own <= motion.steps - self.steps]
             points = points_of(self.robot, motion.x[1:])
-            over = np.arange(self.steps + 1) - (self.steps if leads else 0)
-            clouds.append(points[own[:, None] + over])
+            clouds.append(windows(points, own, self.steps + 1, -1 if leads else 1))
             moments.append(own)
         return aligned(*clouds), moments[0], moments[1]
 
@@ -99,13 +105,12 @@ class Crossing:
         base, dt = self.robot.base_coordinate, self.one.dt
         before = nodes_of(self.one, at - 1, self.steps + 1)
         after = placed.moved(nodes_of(self.other, to - self.steps - 1, self.steps + 1), base)
-        rest = Problem(self.robot, steps=3, dt=dt, costs=self.costs, law=self.law)
         problem = Problem(
             self.robot,
             steps=self.steps,
             dt=dt,
             costs=beside(self.constraints, self.costs),
-            constraints=[standing(c.placed(rest.setting), rest.start) for c in self.constraints],
+            constraints=self._held,
             terrain=ground_of(self.one),
             law=self.law,
             x0=before[1],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Unpack
 
 import numpy as np
@@ -125,10 +125,10 @@ def transition(
         raise ValueRangeError(
             f"seconds is {seconds:g}, must be four steps of {first.dt:g} s or more"
         )
-    begun = Crossing(first, second, steps, [Effort()], (), law)
+    begun = Crossing(first, second, steps, [Effort()], law=law)
     limits = held(begun.robot, constraints)
     at_every_step(limits, "a transition")
-    crossing = Crossing(first, second, steps, [Effort()], limits, law)
+    crossing = replace(begun, constraints=limits)
     left, reached = _moments(crossing, at, to)
     found, placed = crossing.placed(left, reached)
     problem, guess = crossing.problem(left, reached, placed)

@@ -20,7 +20,7 @@ from octo.errors import ProblemError, ShapeError
 from octo.problem.array_costs import ArrayCost
 from octo.problem.basis import Basis, Hermite, Nodes, PairedNodes
 from octo.problem.data import Data
-from octo.problem.neighbours import anchors
+from octo.problem.neighbours import controls_of
 from octo.problem.plan import Plan
 from octo.problem.problem import Problem
 
@@ -130,12 +130,11 @@ class ArrayTerms:
 
     def _controls(self, unknowns: Array, nodes: Array) -> Array:
         """(batch, transitions + 1, 2n)."""
-        xp = array_module(unknowns)
         if isinstance(self.plan.basis, Hermite):
-            controls = like(anchors(self.plan, self.data), unknowns)
-            controls[:, 1:] += unknowns[:, :-1, : self.plan.nodal]
-            return controls
-        return xp.concatenate([nodes[:, 1:], nodes[:, 1:] - nodes[:, :-1]], axis=-1)
+            return controls_of(self.plan, self.data, unknowns)
+        return array_module(nodes).concatenate(
+            [nodes[:, 1:], nodes[:, 1:] - nodes[:, :-1]], axis=-1
+        )
 
     def _all(self, members: NDArray[np.intp], array: Array) -> Array | slice:
         """The members as an index of ``array``."""

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import Array
+from octo.arrays import Array, like
 from octo.problem.basis import Hermite, scatter
 from octo.problem.codegen import CostFunctions
 from octo.problem.data import Data
@@ -29,8 +29,8 @@ def anchors(plan: Plan, data: Data) -> Array:
 
 
 def controls_of(plan: Plan, data: Data, unknowns: Array) -> Array:
-    """(batch, Z+1, 2n) c_0 … c_Z."""
-    controls = anchors(plan, data)
+    """(batch, Z+1, 2n) c_0 … c_Z, where the unknowns are."""
+    controls = like(anchors(plan, data), unknowns)
     controls[:, 1:] += unknowns[:, :-1, : plan.nodal]
     return controls
 

@@ -27,12 +27,13 @@ from numpy.typing import NDArray
 
 from octo.arrays import Array, Numbers, array_module, host, hosts, largest, like, some
 from octo.problem.block_nlp import BlockNLP
+from octo.problem.bounds import SAME as SAME_BOUND
 from octo.problem.evaluation import Evaluation, Model
 from octo.solver.acceptance import Mask
 from octo.solver.blocks import KKTBlocks
 from octo.solver.bounds import Bounds, Moved, Slacks
 from octo.solver.elastic import Elastic
-from octo.solver.limits import PART, WITHIN, Limits
+from octo.solver.limits import PART, Limits
 
 # of a step, tried whatever rows it would carry beyond their bounds: there a slack stays inside and
 # the filter sees what its row is off. Rows that bend (friction) say changes a hundred times too
@@ -148,7 +149,7 @@ class Barrier(Bounds):
         return np.asarray((self.slacks.mu <= self.last) & (self._off() <= ERRORS * self.last))
 
     def within(self, at: Evaluation) -> Mask:
-        return np.asarray(host(self.limits.beyond(at.rows)) <= WITHIN)
+        return np.asarray(host(self.limits.beyond(at.rows)) <= SAME_BOUND)
 
     @property
     def lowered(self) -> NDArray[np.intp]:

@@ -13,7 +13,6 @@ from octo.solver.bounds import Slacks
 
 INSIDE = 1e-2  # how far from a bound a slack starts, in parts of max(1, |bound|) and of the room
 PART = 0.99  # of the way to a bound, or of a multiplier to zero, that one step may go
-WITHIN = 1e-6  # of a row, by which it may miss its bounds where a solve for feasibility ends
 # a slack to a bound: in parts of μ/z where it is to end, but no nearer and no further than this
 RELATIVE, NEAREST, FURTHEST = 1e-2, 1e-13, 1e-8
 
