@@ -37,7 +37,7 @@ _NAMES = {  # by the module that defines them
     "octo.gains": "gains",
     "octo.get_up": "get_up",
     "octo.goals": "Goal",
-    "octo.graph": "transition",
+    "octo.motion_graph": "transition",
     "octo.jump": "jump",
     "octo.library": "Library library",
     "octo.model.character": "Character",
@@ -80,7 +80,7 @@ _MODULES = {
     "costs": "octo.costs",
     "errors": "octo.errors",
     "gallery": "octo.model.gallery",
-    "graph": "octo.graph",
+    "motion_graph": "octo.motion_graph",
     "kinematics": "octo.model.kinematics",
     "laws": "octo.dynamics.laws",
     "learn": "octo.learn",
@@ -97,8 +97,8 @@ __all__ = sorted([*_HOME, *_MODULES])
 if TYPE_CHECKING:
     from octo import costs as costs
     from octo import errors as errors
-    from octo import graph as graph
     from octo import learn as learn
+    from octo import motion_graph as motion_graph
     from octo import mpc as mpc
     from octo import plant as plant
     from octo import reference as reference
@@ -150,7 +150,6 @@ if TYPE_CHECKING:
     from octo.gains import gains as gains
     from octo.get_up import get_up as get_up
     from octo.goals import Goal as Goal
-    from octo.graph import transition as transition
     from octo.jump import jump as jump
     from octo.library import Library as Library
     from octo.library import library as library
@@ -171,6 +170,7 @@ if TYPE_CHECKING:
     from octo.model.terrain import Plane as Plane
     from octo.model.terrain import Terrain as Terrain
     from octo.model.world_file import load_world as load_world
+    from octo.motion_graph import transition as transition
     from octo.motions import go_to as go_to
     from octo.motions import stride as stride
     from octo.motions import turn as turn

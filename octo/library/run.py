@@ -3,23 +3,21 @@ processes."""
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import pickle
-from collections.abc import Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Sequence
+from concurrent.futures import Executor
 from typing import Any
 
-from octo import native
+from octo import executors
 from octo.checks import asked, flag, takes, whole
 from octo.devices import check_device_name
-from octo.errors import ProblemError, said
+from octo.errors import ProblemError
 from octo.gains import check_gains
 from octo.library.collection import Library, joined
 from octo.library.commands import check_plain, commands_of
 from octo.library.folder import Folder, batch_of, record_of
-from octo.library.work import Done, Failed, Task, begin, work
+from octo.library.work import Done, Task, work
 from octo.problem.phased import check_all_alike
 from octo.problem.problem import Problem
 from octo.progress import Progress, check_progress
@@ -27,11 +25,6 @@ from octo.solve import Guess, Start, Usual
 from octo.starts import starts_of
 
 BATCH = 8  # problems: enough for the vectors of a step, few enough for Ctrl-C and for two processes
-BROKEN = (
-    "the processes ended before their work did: call octo.library under "
-    "if __name__ == '__main__': in a script, and write functions of yours in a module that they "
-    "can import; or give executor="
-)
 
 
 @asked
@@ -88,7 +81,9 @@ def library(
     left = [task for task in tasks if not parts.known(task)]
     try:
         if left:
-            _run(left, executor, parts)
+            if executor is None:
+                _check_sent(left[0])
+            executors.run("octo.library", left, work, parts.take, executor)
     except KeyboardInterrupt:
         if not parts.parts:
             raise
@@ -124,8 +119,7 @@ def _check(
     check_device_name(how["device"])
     if how["callback"] is not None:
         raise ProblemError("callback is given, must be left out: octo.library has progress=True")
-    if executor is not None and not callable(getattr(executor, "submit", None)):
-        raise ProblemError(f"executor is {said(executor)}, must be a concurrent.futures.Executor")
+    executors.check_executor(executor)
     check_all_alike(list(problems))
     if gains:
         for problem in problems:
@@ -149,10 +143,6 @@ class _Parts:
             self._add(found)
         return found is not None
 
-    def has(self, task: Task) -> bool:
-        """Whether it is among them."""
-        return any(part.problems[0] == task.first for part in self.parts)
-
     def take(self, task: Task, done: Done) -> None:
         """A new one, which is kept."""
         found = batch_of(task, done)
@@ -167,83 +157,6 @@ class _Parts:
             self.progress(f"{len(done)} of {self.count} problems, {sum(done)} converged")
 
 
-def _run(tasks: Sequence[Task], executor: Executor | None, parts: _Parts) -> None:
-    """All tasks; what cannot be pickled, and what fails, is one line."""
-    with _executor(executor, len(tasks), tasks[0]) as (own, stop):
-        futures: dict[Future[Any], Task] = {}
-        try:
-            for task in tasks:
-                futures[_sent(own, task)] = task
-            for future in as_completed(futures):
-                _take(futures[future], future, parts)
-        except BrokenExecutor:
-            raise ProblemError(BROKEN) from None
-        except KeyboardInterrupt:
-            for future, task in futures.items():
-                if future.done() and not parts.has(task):
-                    _take(task, future, parts)
-            raise
-        finally:  # nothing is left to do, or something went wrong
-            if stop is not None:
-                stop.set()
-            for future in futures:
-                future.cancel()
-
-
-def _sent(executor: Executor, task: Task) -> Future[Any]:
-    """A task on its way.
-
-    Raises
-    ------
-    ProblemError: what the executor gives back is no such future.
-    """
-    future = executor.submit(work, task)
-    if not isinstance(future, Future):
-        raise ProblemError(
-            f"executor.submit returned {said(future)}, must return a concurrent.futures.Future: "
-            "of a Dask client take client.get_executor()"
-        )
-    return future
-
-
-def _take(task: Task, future: Future[Any], parts: _Parts) -> None:
-    """Keep what a worker found.
-
-    Raises
-    ------
-    ProblemError: it failed, or could not be sent.
-    """
-    found = _result(future)
-    if isinstance(found, Failed):
-        raise ProblemError(found.words)
-    if found is not None:
-        parts.take(task, found)
-
-
-def _result(future: Future[Any]) -> Any:
-    try:
-        return future.result()
-    except (pickle.PicklingError, AttributeError, TypeError) as error:
-        raise ProblemError(
-            f"the problems cannot be sent to another process: {error}; write functions at the top "
-            "of a module, or give executor=concurrent.futures.ThreadPoolExecutor(1)"
-        ) from error
-
-
-@contextmanager
-def _executor(given: Executor | None, tasks: int, first: Task) -> Iterator[tuple[Executor, Any]]:
-    """The user's, or processes of octo's own with what stops them."""
-    if given is not None:
-        yield given, None
-        return
-    _check_sent(first)
-    context = multiprocessing.get_context("spawn")
-    stop = context.Event()
-    workers = min(native.cores(), tasks)
-    with ProcessPoolExecutor(workers, context, begin, (stop,)) as own:
-        yield own, stop
-
-
 def _check_sent(task: Task) -> None:
     """Refuse problems that no other process can be sent, by their number."""
     for k, problem in enumerate(task.problems):
@@ -251,7 +164,6 @@ def _check_sent(task: Task) -> None:
             pickle.dumps(problem)
         except Exception as error:
             raise ProblemError(
-                f"problem {task.first + k} cannot be sent to another process: {error}; write "
-                "functions at the top of a module, or give "
-                "executor=concurrent.futures.ThreadPoolExecutor(1)"
+                f"problem {task.first + k} cannot be sent to another process: {error}; "
+                f"{executors.UNSENT}"
             ) from error

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,14 +11,12 @@ from numpy.typing import NDArray
 
 from octo.checks import Array
 from octo.errors import OctoError
+from octo.executors import Failed, stopped
 from octo.gains import gains_of
-from octo.interrupts import STOPS
 from octo.problem.problem import Problem
 from octo.result.solution import Solution
 from octo.solve import Guess, solve
 from octo.solver.sqp import Iterate
-
-_stop: Any = None  # an event of the process that sent the work, in processes of octo's own
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,31 +51,16 @@ class Done:
     gains: Array | None
 
 
-@dataclass(frozen=True)
-class Failed:
-    """What went wrong, in words, with the problem that it went wrong with."""
-
-    words: str
-
-
-def begin(stop: Any) -> None:
-    """In a new process of octo's own: the process that sends the work says when to stop."""
-    global _stop
-    _stop = stop
-    for number in STOPS[:1]:  # Ctrl-C in a terminal reaches all processes
-        signal.signal(number, signal.SIG_IGN)
-
-
 def _stopped(at: Iterate) -> bool:
     del at
-    return _stop is not None and bool(_stop.is_set())
+    return stopped()
 
 
 def work(task: Task) -> Done | Failed | None:
     """Solve a batch; None where it was told to stop."""
     try:
         found = solve(list(task.problems), start=list(task.starts), callback=_stopped, **task.how)
-        if _stop is not None and _stop.is_set():
+        if stopped():
             return None
         own = tuple(_with_its_share(motion, len(found)) for motion in found)
         return Done(task.number, own, _gains(task, own) if task.gains else None)

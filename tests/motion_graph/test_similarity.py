@@ -6,7 +6,7 @@ from scipy.optimize import minimize
 
 import octo
 from octo.errors import ShapeError, ValueRangeError
-from octo.graph.similarity import aligned, points_of, windows
+from octo.motion_graph.similarity import aligned, points_of, windows
 
 WINDOWS, FRAMES, POINTS = 3, 5, 7
 

@@ -11,7 +11,7 @@ import numpy as np
 from octo.checks import Array, asked, positive, steps_in, takes, whole
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError, ValueRangeError
-from octo.graph.crossing import Crossing, Placement
+from octo.motion_graph.crossing import Crossing, Placement
 from octo.motions.path import ground_law
 from octo.problem.hard import Held, at_every_step, held
 from octo.problem.joint_costs import Effort

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from octo.checks import Array
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
-from octo.graph.similarity import Alignment, aligned, points_of, windows
 from octo.model.character import Character
+from octo.motion_graph.similarity import Alignment, aligned, points_of, windows
 from octo.motions.path import blend, ground_law
 from octo.problem.constraints import Constraint
 from octo.problem.costs import Cost

@@ -7,8 +7,8 @@ import pytest
 
 import octo
 from octo.errors import OctoError
-from octo.graph.crossing import Placement, nodes_of
 from octo.model.kinematics import sphere_centers
+from octo.motion_graph.crossing import Placement, nodes_of
 from octo.solve import evaluated
 from octo.solver.status import Status
 
@@ -65,7 +65,7 @@ def test_joined_it_is_one_motion_that_obeys_newton(found, motions):
 
 
 def test_where_nothing_is_given_the_most_alike_moments_are_crossed(motions):
-    from octo.graph.crossing import Crossing
+    from octo.motion_graph.crossing import Crossing
 
     one, other = motions
     crossing = Crossing(one, other, 20, [octo.Effort()])
