@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import pickle
@@ -11,8 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from octo.digest import digest
 from octo.errors import OutputError, ProblemError, RobotFileError
 from octo.files import reason, replacing
 from octo.library.collection import Library
@@ -39,16 +37,16 @@ def record_of(problems: Sequence[Problem], tasks: Sequence[Task], batch: int) ->
         "format": FORMAT,
         "count of problems": len(problems),
         "robot": "custom" if first.character is None else first.character.name,
-        "robot's numbers": _digest([store.to_plain(robot) for robot in robots.values()]),
-        "world": _digest(pickle.dumps(terrain)) if isinstance(terrain, World) else None,
+        "robot's numbers": digest([store.to_plain(robot) for robot in robots.values()]),
+        "world": digest(pickle.dumps(terrain)) if isinstance(terrain, World) else None,
         "steps": int(first.steps),
         "basis": repr(first.basis_object),
         "terms": [term.label for term in first.terms],
         "batch": batch,
         "gains": tasks[0].gains,
-        "start": _digest([_start(start) for task in tasks for start in task.starts]),
+        "start": digest([_start(start) for task in tasks for start in task.starts]),
         **how,
-        **{name: _digest([own.get(name) for own in told]) for name in names},
+        **{name: digest([own.get(name) for own in told]) for name in names},
     }
 
 
@@ -61,21 +59,6 @@ def _plain(value: Any) -> Any:
     if hasattr(value, "__dataclass_fields__"):
         return json.loads(json.dumps(asdict(value), default=repr))
     return value
-
-
-def _digest(value: Any) -> str:
-    """A few letters that differ where values do."""
-    made = hashlib.sha256()
-    for own in value if isinstance(value, list) else [value]:
-        if isinstance(own, bytes):
-            made.update(own)
-        elif isinstance(own, np.ndarray):
-            made.update(repr(own.shape).encode() + np.ascontiguousarray(own).tobytes())
-        elif isinstance(own, dict) or own is None:
-            made.update(json.dumps(own, sort_keys=True).encode())
-        else:
-            made.update(pickle.dumps(own))
-    return made.hexdigest()[:16]
 
 
 class Folder:

@@ -1,6 +1,9 @@
-"""From one motion into another (§8.6): how alike moments of motions are, and transitions between
-them."""
+"""From one motion into another (§8.6): transitions between motions, and the graph of all of them,
+through which a character is steered."""
 
+from octo.motion_graph.build import build
+from octo.motion_graph.graph import MotionGraph
 from octo.motion_graph.one_transition import Transition, transition
+from octo.motion_graph.route import Route
 
-__all__ = ["Transition", "transition"]
+__all__ = ["MotionGraph", "Route", "Transition", "build", "transition"]

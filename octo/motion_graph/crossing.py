@@ -19,9 +19,12 @@ from octo.motions.path import blend, ground_law
 from octo.problem.constraints import Constraint
 from octo.problem.costs import Cost
 from octo.problem.hard import beside, standing
+from octo.problem.joint_costs import Effort
 from octo.problem.problem import Problem
 from octo.replay.plan import ground_of
 from octo.result.solution import Solution
+from octo.solve import evaluated
+from octo.solver.status import Status
 
 Steps = NDArray[np.intp]
 SAME = 1e-9  # relative, of time steps and of the numbers of a contact law
@@ -44,6 +47,12 @@ class Placement:
         made[..., first + 3] += self.yaw
         return made
 
+    def then(self, other: Placement) -> Placement:
+        """Where what lies at ``other`` of a motion is that lies here."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        carried = other.shift @ np.array([[c, s], [-s, c]]) + self.shift
+        return Placement(self.yaw + other.yaw, carried)
+
 
 @dataclass(frozen=True, eq=False)
 class Crossing:
@@ -64,6 +73,7 @@ class Crossing:
 
     def __post_init__(self) -> None:
         check_alike(self.one, self.other)
+        check_one_law(self.one, self.other)
 
     @property
     def robot(self) -> Character:
@@ -124,6 +134,25 @@ class Crossing:
         return problem, guess
 
 
+def laid_end_to_end(x: Array, motion: Solution, law: ContactLaw | None = None) -> Solution:
+    """x_{-1} … x_N (N+2, nx) of pieces of motions, whose ground and law are those of ``motion``,
+    evaluated as one motion: its ‖C‖∞ is that of its parts."""
+    robot = motion.character
+    assert robot is not None
+    problem = Problem(
+        robot,
+        steps=len(x) - 2,
+        dt=motion.dt,
+        costs=[Effort()],
+        terrain=ground_of(motion),
+        law=law,
+        x0=x[1],
+        v0=(x[1] - x[0]) / motion.dt,
+        parameters=ground_law(motion),
+    )
+    return evaluated(problem, x[1:], Status.JOINED)
+
+
 def nodes_of(motion: Solution, first: int, steps: int) -> Array:
     """(steps + 1, nx) x_first …; x_{-1} before a motion, x_N behind it."""
     at = np.clip(np.arange(first, first + steps + 1), -1, motion.steps)
@@ -152,6 +181,12 @@ def check_alike(one: Solution, other: Solution) -> None:
         raise ProblemError(f"the motions are of {a.name} and of {b.name}, must be of one robot")
     if abs(one.dt - other.dt) > SAME * one.dt:
         raise ProblemError(f"dt is {one.dt:g} s of the one motion, {other.dt:g} s of the other")
+
+
+def check_one_law(one: Solution, other: Solution) -> None:
+    """Raises
+    ------
+    ProblemError: the motions have other numbers of a contact law: names what differs."""
     law, its = ground_law(one), ground_law(other)
     for name in sorted({*law, *its}):
         first, second = law.get(name), its.get(name)

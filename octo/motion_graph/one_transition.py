@@ -11,16 +11,12 @@ import numpy as np
 from octo.checks import Array, asked, positive, steps_in, takes, whole
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError, ValueRangeError
-from octo.motion_graph.crossing import Crossing, Placement
-from octo.motions.path import ground_law
+from octo.motion_graph.crossing import Crossing, Placement, laid_end_to_end
 from octo.problem.hard import Held, at_every_step, held
 from octo.problem.joint_costs import Effort
-from octo.problem.problem import Problem
-from octo.replay.plan import ground_of
 from octo.result.solution import Solution, solution_of
 from octo.shown import Shown
-from octo.solve import How, Usual, evaluated, solve
-from octo.solver.status import Status
+from octo.solve import How, Usual, solve
 
 Given = Solution | str | os.PathLike[str]
 
@@ -65,18 +61,7 @@ class Transition(Shown):
         placed = Placement(self.yaw, self.shift)
         after = placed.moved(self.other.x[self.to + 2 :], robot.base_coordinate)
         x = np.concatenate([self.one.x[: self.at + 1], self.motion.x[1:], after])
-        problem = Problem(
-            robot,
-            steps=len(x) - 2,
-            dt=self.motion.dt,
-            costs=[Effort()],
-            terrain=ground_of(self.one),
-            law=self.law,
-            x0=x[1],
-            v0=(x[1] - x[0]) / self.motion.dt,
-            parameters=ground_law(self.motion),
-        )
-        return evaluated(problem, x[1:], Status.JOINED)
+        return laid_end_to_end(x, self.motion, self.law)
 
 
 @asked
