@@ -3,7 +3,9 @@ of a large one holds of it."""
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
 import sqlite3
 import subprocess
 import sys
@@ -261,9 +263,34 @@ def test_two_processes_make_the_same_graph_to_the_bit(motions, tmp_path, graph) 
     script.write_text(SCRIPT.format(how=HOW), encoding="utf-8")
     subprocess.run([sys.executable, script, path, tmp_path], check=True, timeout=300)
     two = motion_graph.MotionGraph(path)
-    order = {str(row): k for k, row in enumerate(numbers(graph))}
-    assert sorted(map(str, numbers(two))) == sorted(order)
+    assert sorted(map(str, numbers(two))) == sorted(map(str, numbers(graph)))
     assert sorted(paths(two)) == sorted(paths(graph))
+
+
+def test_a_cluster_makes_the_same_graph_also_where_a_worker_is_killed(
+    motions, tmp_path, graph, monkeypatch
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    killed: list[int] = []
+    keep = File.keep
+
+    def keep_and_kill(self, outcomes) -> None:
+        keep(self, outcomes)
+        if not killed:
+            killed.append(min(client.run(os.getpid).values()))
+            os.kill(killed[0], signal.SIGKILL)
+
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, local_directory=tmp_path
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        monkeypatch.setattr(File, "keep", keep_and_kill)
+        found = made(motions, tmp_path / "cluster.graph", client.get_executor())
+    assert killed
+    assert sorted(map(str, numbers(found))) == sorted(map(str, numbers(graph)))
+    assert sorted(paths(found)) == sorted(paths(graph))
 
 
 # -- refused ---------------------------------------------------------------------------------------
