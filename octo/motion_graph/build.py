@@ -137,9 +137,7 @@ def _crossings(motions: Mapping[str, Solution], settings: Settings) -> list[list
     apart, made = spacing * settings.every, []
     for a, one in motions.items():
         for b, other in motions.items():
-            crossing = Crossing(one, other, steps, settings.costs)
-            limits = held(crossing.robot, settings.constraints)
-            crossing = replace(crossing, constraints=limits)
+            crossing = crossing_of(one, other, steps, settings)
             pairs = (
                 _loops(crossing, a, apart, settings.loops)
                 if a == b
@@ -147,6 +145,12 @@ def _crossings(motions: Mapping[str, Solution], settings: Settings) -> list[list
             )
             made.append(batches_of(crossing, pairs, settings.batch, settings.options))
     return made
+
+
+def crossing_of(one: Solution, other: Solution, steps: int, settings: Settings) -> Crossing:
+    """What the transitions between two motions share."""
+    begun = Crossing(one, other, steps, settings.costs)
+    return replace(begun, constraints=held(begun.robot, settings.constraints))
 
 
 def _pairs(crossing: Crossing, a: str, b: str, apart: int, share: float) -> list[Pair]:
