@@ -20,6 +20,7 @@ from octo.motion_graph.file import File
 from octo.motion_graph.gather import Motions, Wanted, gathered
 from octo.motion_graph.graph import MotionGraph
 from octo.motion_graph.settings import MOTIONS, Building, Settings
+from octo.motion_graph.similarity import points_of
 from octo.motion_graph.work import Batch, Outcome, Pair, batches_of, work
 from octo.problem.hard import held
 from octo.progress import Progress
@@ -53,6 +54,9 @@ def build(
     moments: s between moments at which a motion may be left or reached; ``every`` so many of them
         are looked at.
     share: of all pairs of moments of two motions, the most alike (Kovar et al. 2002); 1 is all.
+    window: s, over which motions are compared, from a moment that is left and to one that is
+        reached; by default the transition. cloud: (robot, x (…, nx)) to the points (…, points, 3) m
+        that are compared; by default where bodies and contacts are.
     loops: of each motion, so many ways back into itself, from late moments to early alike ones.
     costs: terms of a transition's E; by default effort, as in the paper.
     constraints: what must hold of transitions, and of motions that are found by name: those of a
@@ -149,20 +153,19 @@ def _crossings(motions: Mapping[str, Solution], settings: Settings) -> list[list
 
 def crossing_of(one: Solution, other: Solution, steps: int, settings: Settings) -> Crossing:
     """What the transitions between two motions share."""
-    begun = Crossing(one, other, steps, settings.costs)
+    window = None if settings.window is None else steps_in(settings.window, one.dt)
+    cloud = points_of if settings.cloud is None else settings.cloud
+    begun = Crossing(one, other, steps, settings.costs, window=window, cloud=cloud)
     return replace(begun, constraints=held(begun.robot, settings.constraints))
 
 
 def _pairs(crossing: Crossing, a: str, b: str, apart: int, share: float) -> list[Pair]:
     """The pairs of moments of two motions, all or those that are most alike."""
-    leaving = range(0, crossing.one.steps, apart)
-    reaching = range(0, crossing.other.steps, apart)
-    pairs = [Pair(a, at, b, to) for at in leaving for to in reaching]
-    if share >= 1.0:
-        return pairs
-    distance = np.array([crossing.placed(p.at, p.to)[0].distance[0, 0] for p in pairs])
-    best = np.sort(np.argsort(distance, kind="stable")[: max(1, round(share * len(pairs)))])
-    return [pairs[k] for k in best]
+    found, leaving, reaching = crossing.similarity(apart, held=True)
+    wanted = max(1, round(share * found.distance.size))
+    best = np.sort(np.argsort(found.distance, axis=None, kind="stable")[:wanted])
+    at, to = np.unravel_index(best, found.distance.shape)
+    return [Pair(a, int(leaving[k]), b, int(reaching[m])) for k, m in zip(at, to, strict=True)]
 
 
 def _loops(crossing: Crossing, name: str, apart: int, count: int) -> list[Pair]:

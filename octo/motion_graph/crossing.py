@@ -3,7 +3,7 @@ fixed, and where the second one stands."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,6 +14,7 @@ from octo.checks import Array
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
 from octo.model.character import Character
+from octo.model.tree import Tree
 from octo.motion_graph.similarity import Alignment, aligned, points_of, windows
 from octo.motions.path import blend, ground_law
 from octo.problem.constraints import Constraint
@@ -27,6 +28,7 @@ from octo.solve import evaluated
 from octo.solver.status import Status
 
 Steps = NDArray[np.intp]
+Cloud = Callable[[Tree, Array], Array]
 SAME = 1e-9  # relative, of time steps and of the numbers of a contact law
 LEVEL = 1e-6  # rad, of a plane
 
@@ -62,6 +64,9 @@ class Crossing:
     ----------
     one, other: the motions; of the same robot, on the same level ground, with the same law and dt.
     steps: of a transition. costs, constraints: of its problem. law: of contact, as a Problem's.
+    window: steps over which moments are compared, from one that is left and to one that is reached;
+        by default those of a transition.
+    cloud: (…, points, 3) m of a robot at x (…, nx), the points that are compared.
     """
 
     one: Solution
@@ -70,6 +75,8 @@ class Crossing:
     costs: Sequence[Cost]
     constraints: Sequence[Constraint] = ()
     law: ContactLaw | None = None
+    window: int | None = None
+    cloud: Cloud = points_of
 
     def __post_init__(self) -> None:
         check_alike(self.one, self.other)
@@ -87,16 +94,24 @@ class Crossing:
         rest = Problem(self.robot, steps=3, dt=self.one.dt, costs=self.costs, law=self.law)
         return [standing(own.placed(rest.setting), rest.start) for own in self.constraints]
 
-    def similarity(self, every: int = 1) -> tuple[Alignment, Steps, Steps]:
-        """How alike the two are while each pair of moments is crossed, and which these are, steps
-        of the one and of the other, ``every`` so many: (a, b) of moments (a,) and (b,)."""
+    def similarity(self, every: int = 1, held: bool = False) -> tuple[Alignment, Steps, Steps]:
+        """How alike the two are around each pair of moments, and which these are, steps of the one
+        and of the other, ``every`` so many: (a, b) of moments (a,) and (b,).
+
+        Parameters
+        ----------
+        held: also moments so near to an end that a motion is held still while it is crossed.
+        """
         clouds, moments = [], []
+        length = (self.steps if self.window is None else self.window) + 1
         for motion, leads in ((self.one, False), (self.other, True)):
-            # where a motion is held still before its start, or after its end, none is crossed
             own = np.arange(0, motion.steps + 1, every)
-            own = own[own >= self.steps] if leads else own[own <= motion.steps - self.steps]
-            points = points_of(self.robot, motion.x[1:])
-            clouds.append(windows(points, own, self.steps + 1, -1 if leads else 1))
+            if held:
+                own = own[own < motion.steps]
+            else:
+                own = own[own >= self.steps] if leads else own[own <= motion.steps - self.steps]
+            points = self.cloud(self.robot, motion.x[1:])
+            clouds.append(windows(points, own, length, -1 if leads else 1))
             moments.append(own)
         return aligned(*clouds), moments[0], moments[1]
 
@@ -106,7 +121,7 @@ class Crossing:
             nodes_of(self.one, at, self.steps),
             nodes_of(self.other, to - self.steps, self.steps),
         )
-        found = aligned(*(points_of(self.robot, x)[None] for x in spans))
+        found = aligned(*(self.cloud(self.robot, x)[None] for x in spans))
         return found, Placement(float(found.yaw[0, 0]), found.shift[0, 0])
 
     def problem(self, at: int, to: int, placed: Placement) -> tuple[Problem, Array]:

@@ -13,6 +13,7 @@ from octo.digest import digest
 from octo.errors import ProblemError, ValueRangeError, said
 from octo.model import store
 from octo.model.character import Character
+from octo.motion_graph.crossing import Cloud
 from octo.motion_graph.gather import Motions
 from octo.motion_graph.named import check_name
 from octo.problem.costs import Cost
@@ -38,6 +39,8 @@ class Building(How, total=False):
     moments: float
     every: int
     share: float
+    window: float | None
+    cloud: Cloud | None
     loops: int
     costs: Sequence[Cost]
     constraints: Held
@@ -54,6 +57,8 @@ class Settings:
     moments: float = 0.25
     every: int = 1
     share: float = 1.0
+    window: float | None = None
+    cloud: Cloud | None = None
     loops: int = 3
     costs: Sequence[Cost] = EFFORT
     constraints: Held = "hard"
@@ -76,6 +81,10 @@ class Settings:
             whole(name, getattr(self, name), least)
         if not 0.0 < number("share", self.share) <= 1.0:
             raise ValueRangeError(f"share is {self.share:g}, must be above 0, and at most 1")
+        if self.window is not None:
+            positive("window", self.window, "s")
+        if self.cloud is not None and not callable(self.cloud):
+            raise ProblemError(f"cloud is {said(self.cloud)}, must be a function of (robot, x)")
         check_progress(self.how.get("progress", False), None)
         executors.check_executor(executor)
         for name in ("passes", "callback"):
@@ -121,13 +130,14 @@ class Settings:
         each = dict.fromkeys(motions, "named")
         if isinstance(motions, Mapping):
             each = {name: digest(solution_of(given).x) for name, given in motions.items()}
-        own = ("transitions", "moments", "every", "share", "loops", "batch")
+        own = ("transitions", "moments", "every", "share", "window", "loops", "batch")
         return {
             "robot": robot.name,
             "robot's numbers": digest([store.to_plain(robot)]),
             "motions": each,
             **({"seconds": float(self.seconds), "dt": float(self.dt)} if named else {}),
             **{name: getattr(self, name) for name in own},
+            "cloud": None if self.cloud is None else getattr(self.cloud, "__qualname__", "own"),
             "costs": [repr(one) for one in self.costs],
             "constraints": [repr(one) for one in held(robot, self.constraints)],
             "options": {k: repr(v) for k, v in self.options.items() if k not in ("threads",)},

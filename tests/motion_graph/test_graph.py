@@ -95,6 +95,22 @@ def test_the_pairs_are_the_most_alike(graph) -> None:
     assert sorted(tried) == pytest.approx(sorted(all_of_them)[: PAIRS // 2])
 
 
+def test_window_and_cloud_say_what_is_compared(motions) -> None:
+    """By its feet alone, over a tenth of a second: by how far they stand from each other."""
+    from octo.model.kinematics import sphere_centers
+
+    high, low = motions.values()
+    own = Crossing(high, low, 20, [octo.Effort()], window=4, cloud=sphere_centers)
+    found, leaving, reaching = own.similarity(30, held=True)
+    assert leaving.tolist() == reaching.tolist() == [0, 30, 60]
+    one, other = (sphere_centers(m.character, m.x[1]) for m in (high, low))
+    pairs = np.triu_indices(len(one), 1)
+    apart, its = (np.linalg.norm(p[:, None] - p[None], axis=-1)[pairs] for p in (one, other))
+    assert 0.0 < found.distance.max() <= np.abs(apart - its).max()  # rms of rigid fits
+    whole = Crossing(high, low, 20, [octo.Effort()]).similarity(30, held=True)[0]
+    assert (whole.distance != found.distance).all()
+
+
 # -- through it ------------------------------------------------------------------------------------
 
 
