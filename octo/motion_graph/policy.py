@@ -43,11 +43,12 @@ class Policy:
     @property
     def edges(self) -> list[tuple[Node, Node]]:
         """All that are ever taken from the start on, whatever is wanted and when."""
-        seen, found, left = {self.start}, {}, [self.start]
+        seen, left = {self.start}, [self.start]
+        found: set[tuple[Node, Node]] = set()
         while left:
             node = left.pop()
             for other in self.following[node].values():
-                found[node, other] = None
+                found.add((node, other))
                 if other not in seen:
                     seen.add(other)
                     left.append(other)
@@ -68,7 +69,7 @@ def policy(network: networkx.DiGraph, names: Sequence[str]) -> Policy:
     """
     import networkx as nx  # it is there where a graph is
 
-    core = max(nx.strongly_connected_components(network), key=len, default=set())
+    core: set[Node] = max(nx.strongly_connected_components(network), key=len, default=set())
     if not network.subgraph(core).number_of_edges():
         raise ProblemError(
             "no motion of the graph can be kept up or left and reached again: it needs loops or "
