@@ -9,6 +9,7 @@ class Steering {
     this.speed = 1;
     this.playing = true;
     this.forces = false;
+    this.plain = drawnBySoftware(); // the look that such a computer can draw in time
     this.wait = 0; // s, from the last choice until it is done
     this.stage = null;
     this.find = (name) => document.querySelector(`[data-octo="${name}"]`);
@@ -61,6 +62,7 @@ class Steering {
       ["playing", "pause", "P"],
       ["forces", "forces", "F"],
       ["turns", "turn with it", "C"],
+      ["plain", "plain", "L"],
     ].filter(([name]) => name !== "forces" || this.data.arrows);
     this.switchButtons = this.switches.map(([name, word, key]) => {
       const node = button(`${word} (${key})`, `${word} (${key})`, () => this.change(name), false);
@@ -112,7 +114,7 @@ class Steering {
 
   show() {
     const { walker } = this;
-    this.stage?.(walker, this.forces);
+    this.stage?.(walker, this);
     const { motion, wanted, plan } = this.state;
     const seconds = (value) => `${value.toFixed(1)} s`;
     const begins = plan?.begins > 0 ? `begins in ${seconds(plan.begins)}, ` : "";
@@ -123,7 +125,7 @@ class Steering {
       node.setAttribute("aria-pressed", k === walker.wanted);
       node.style.setProperty("--share", k === walker.wanted ? share.toFixed(3) : 0);
     });
-    const on = { playing: !this.playing, forces: this.forces, turns: walker.turns };
+    const on = { playing: !this.playing, forces: this.forces, turns: walker.turns, plain: this.plain };
     for (const node of this.switchButtons)
       node.setAttribute("aria-pressed", on[node.dataset.octo]);
     this.speedButtons.forEach((node, k) =>

@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from octo.errors import ProblemError
 from octo.model.character import Character
-from octo.model.figure import ARROW, hull_of, size, tile
+from octo.model.figure import ARROW, Surface, size, tile
+from octo.model.kinematics import body_poses
 from octo.model.quantities import Array
 from octo.model.skins import skins
 from octo.motion_graph.graph import MotionGraph
 from octo.motion_graph.policy import Policy, policy
 from octo.result.solution import Solution
-from octo.viewer.ground import GRID, add_ground
+from octo.viewer.ground import add_ground
 from octo.viewer.page import GRAIN, document, head, legend
 from octo.viewer.pieces import Piece, frame_seconds, pieces_of
 from octo.viewer.scene import AWAY, FOOT, LOADED_FOOT, add_arrows, add_bodies, add_feet, set_camera
@@ -28,8 +30,15 @@ USUAL |= {"jump": " ", "stride_left": "ArrowLeft", "stride_right": "ArrowRight"}
 KEYS = {"ArrowUp": "↑", "ArrowLeft": "←", "ArrowRight": "→", "ArrowDown": "↓", " ": "space"}
 CARRIED = 2.0**-12  # parts of the weight, to which forces are rounded
 MOST = 32767  # of an int16
-PRINTS = 120  # marks of feet on the ground, the last ones
-PRINT = (120, 132, 150)  # colour of a new one
+PRINTS = 80  # marks of feet on the ground, the last ones
+PRINT, FADED = (
+    (24, 27, 33),
+    (150, 153, 158),
+)  # colours of the newest and the oldest, of linear light
+LIFT = 3e-3  # m above the ground of a mark, beside a character of 1 m
+SKY = 1.6  # light from all around
+TILES, PART = 12, 4  # of the plain ground: squares from its middle on, and in a part of a line
+LINE = (168, 174, 182)  # colour of its lines in the middle
 SCRIPTS = ("viser.js", "controls.js", "walker.js", "steer_stage.js", "steer.js")
 
 
@@ -85,6 +94,9 @@ def _scene(
     rest = motion.com[0] * (0.0, 0.0, 1.0)
     set_camera(server, rest, scale, 1.25 * scale)
     server.scene.add_frame("/world", show_axes=False)
+    # in place of the light of a room, which takes a third of the time of a processor that draws
+    server.scene.configure_environment_map(None)
+    server.scene.add_light_hemisphere("/sky", ground_color=(190, 190, 200), intensity=SKY)
     (ground,) = add_ground(server, "/world/ground", motion, np.zeros(3), scale)
     bodies = add_bodies(server, "/world/robot", robot, skins(robot, visuals))
     feet = add_feet(server, bodies, robot, ever)
@@ -96,6 +108,7 @@ def _scene(
         away = np.array([(0.0, 0.0, AWAY), (0.0, 0.0, AWAY - 1.0)])
         add_arrows(server, arrows, np.repeat(away[None], len(used), axis=0), scale)
     _add_prints(server, "/world/prints", scale)
+    plain = _add_plain(server, robot, scale, visuals)
     return {
         "shown": shown,
         "bodies": [bodies.get(b) for b in shown],
@@ -112,9 +125,10 @@ def _scene(
         "feet": list(feet.values()),
         "arrows": arrows,
         "ground": {"name": ground.name, "height": height, "repeats": 5.0 * tile(scale)},
+        "plain": plain,
         "prints": {"name": "/world/prints", "count": PRINTS, "apart": 0.04 * scale},
         "printColor": PRINT,
-        "groundColor": GRID["plane_color"],
+        "fadedColor": FADED,
         "foot": FOOT,
         "loadedFoot": LOADED_FOOT,
         "away": AWAY,
@@ -123,9 +137,8 @@ def _scene(
 
 def _add_prints(server: Any, name: str, scale: float) -> None:
     """Flat marks that the script lays on the ground; until then they are out of sight."""
-    angle = np.linspace(0.0, 2.0 * np.pi, 20, endpoint=False)
-    ring = 0.03 * scale * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
-    disc = hull_of(np.concatenate([ring, ring + (0.0, 0.0, 2e-3 * scale)]))
+    angle = np.linspace(0.0, 2.0 * np.pi, 10, endpoint=False)
+    disc = _flat(0.03 * scale * np.stack([np.cos(angle), np.sin(angle)], axis=1), LIFT * scale)
     turns, places = (
         np.tile([1.0, 0.0, 0.0, 0.0], (PRINTS, 1)),
         np.tile([0.0, 0.0, AWAY], (PRINTS, 1)),
@@ -140,6 +153,51 @@ def _add_prints(server: Any, name: str, scale: float) -> None:
         lod="off",
         cast_shadow=False,
     )
+
+
+def _flat(points: Array, height: float) -> Surface:
+    """The convex hull of points (k, 2) m, seen from above, so many m above the ground."""
+    corners = points[ConvexHull(points).vertices]
+    around = np.arange(1, len(corners) - 1)
+    faces = np.stack([0 * around, around, around + 1], axis=1)
+    return Surface(np.hstack([corners, np.full((len(corners), 1), height)]), faces)
+
+
+def _add_plain(server: Any, robot: Character, scale: float, visuals: bool) -> dict[str, Any]:
+    """What is shown of the ground where the usual look takes a computer without a graphics card
+    too long: lines that fade, and a dark patch below the character in place of shadows."""
+    edge = 1.5 * tile(scale)
+    _add_lines(server, "/world/lines", edge)
+    pose = robot.start_pose
+    turns, places = body_poses(robot, pose)
+    drawn = [
+        skin.surface.vertices @ turns[b].T + places[b]
+        for b, own in enumerate(skins(robot, visuals))
+        for skin in own
+    ]
+    first, base = robot.base_coordinate, places[robot.base_body, :2]
+    c, s = np.cos(pose[first + 3]), np.sin(pose[first + 3])
+    below = (np.concatenate(drawn)[:, :2] - base) @ np.array([[c, -s], [s, c]])
+    patch = _flat(below, 0.5 * LIFT * scale)
+    hidden: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False, "visible": False}
+    server.scene.add_mesh_simple(
+        "/world/patch", patch.vertices, patch.faces, color=(0, 0, 0), opacity=0.2, **hidden
+    )
+    return {"lines": "/world/lines", "edge": edge, "patch": "/world/patch"}
+
+
+def _add_lines(server: Any, name: str, edge: float) -> None:
+    """Squares of ``edge`` m, of lines that fade with the distance from the middle. They are few:
+    such a computer takes 0.1 ms for each part of a line."""
+    across, along = (edge * np.arange(-TILES, TILES + 1, each) for each in (1, PART))
+    nodes = np.stack(np.meshgrid(across, along, [0.0], indexing="ij"), axis=-1)[:, :, 0]
+    lines = np.stack([nodes[:, :-1], nodes[:, 1:]], axis=2).reshape(-1, 2, 3)
+    lines = np.concatenate([lines, lines[..., [1, 0, 2]]])
+    far = np.minimum(np.linalg.norm(lines, axis=-1) / along[-1], 1.0)[..., None]
+    colors = ((1.0 - far) * np.array(LINE) + far * 255.0).astype(np.uint8)
+    inside = far.min(axis=(1, 2)) < 1.0
+    look: dict[str, Any] = {"thickness": 1.2, "thickness_units": "screen", "visible": False}
+    server.scene.add_line_segments(name, lines[inside], colors[inside], **look)
 
 
 def _ways(moves: Policy, pieces: Sequence[Piece], names: Sequence[str]) -> dict[str, Any]:

@@ -36,10 +36,21 @@ function connected(names) {
     move: (name, position) => ({ type: "SetPositionMessage", name, position, owner: "" }),
     turn: (name, wxyz) => ({ type: "SetOrientationMessage", name, wxyz, owner: "" }),
     update: (name, updates) => ({ type: "SceneNodeUpdateMessage", name, updates, owner: "" }),
+    visible: (name, on) => ({ type: "SetSceneNodeVisibilityMessage", name, visible: on }),
     changed: (key, value) => sent.get(key) !== value && Boolean(sent.set(key, value)),
     send(messages) {
       viser.messageQueue.push(...messages);
       viser.requestRender?.(); // 1.1.0 draws all the time and has no such function
     },
   };
+}
+
+// Whether the browser draws without a graphics card.
+function drawnBySoftware() {
+  const gl = document.createElement("canvas").getContext("webgl");
+  if (!gl) return true;
+  const named = gl.getExtension("WEBGL_debug_renderer_info");
+  const name = String(gl.getParameter(named ? named.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+  gl.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
 }
