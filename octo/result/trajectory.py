@@ -339,9 +339,7 @@ class Trajectory:
         return tuple(said)
 
 
-def carrying(
-    normal_force: Array, weight: float, character: Character | None
-) -> NDArray[np.bool_]:
+def carrying(normal_force: Array, weight: float, character: Character | None) -> NDArray[np.bool_]:
     """(N, c) contacts with normal forces (N, c) N of at least 1 % of the weight; of the many of a
     body that carry as much together, those that carry anything."""
     found = np.asarray(normal_force >= LOADED * weight)
