@@ -165,10 +165,10 @@ def test_what_it_does_is_seen(page: Page, plain: bool) -> None:
     """In both looks; the first is that of a computer without a graphics card, as here."""
     assert page.evaluate("octoSteer.plain")
     page.evaluate(f"octoSteer.plain = {str(plain).lower()}; octoSteer.show(); 0")
-    advance(page, 1.0)
+    page.evaluate("octoSteer.advance(2.0 - octoSteer.walker.clock); 0")
     before = picture(page)
     press(page, "ArrowLeft")
-    advance(page, 3.0)
+    advance(page, 2.6)  # three feet carry then
     after = another(page, before, 0.01)
     assert after.std() > 0.02, "nothing is drawn"
     press(page, "f")
