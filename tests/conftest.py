@@ -34,6 +34,7 @@ LONGEST = (
 # other code, and solves that take longer than their compiling. All else runs a few steps, and is
 # compiled without optimisation, in a quarter of the time.
 AS_SHIPPED = (
+    "test_graph.py",
     "test_lanes.py",
     "test_motions.py",
     "test_motions_within_limits.py",

@@ -18,6 +18,7 @@ from octo.cli import (
     cycle,
     explain,
     export,
+    graph,
     inspect,
     learn,
     mpc,
@@ -36,6 +37,8 @@ EXAMPLES = """examples:
   octo learn biped --seconds 10 --hidden 16,16 --out walk
   octo compare mammal --seconds 10 --seeds 5 --with ipopt,fatrop --json compare.json
   octo bench --json bench.json
+  octo graph build mammal --motions walk,left,jump --seconds 10 --out mammal.graph
+  octo graph play mammal.graph --script walk:3,left:2,jump:1 --out played
   octo mpc go2.urdf --goal walk --speed 0.3 --seconds 20 --push 50,0.2,90 --out walk
   octo info go2.urdf --json
   octo simulate biped --seconds 2 --hold
@@ -69,6 +72,7 @@ def parser() -> tuple[Parser, dict[str, Parser]]:
         "solve": ("find a motion and write it", solve.add_arguments),
         "cycle": ("find a stride that repeats itself and write it", cycle.add_arguments),
         "learn": ("find a motion and a network that says it", learn.add_arguments),
+        "graph": ("motions and transitions between them, and ways through", graph.add_arguments),
         "mpc": ("let a controller that plans ahead walk a robot in MuJoCo", mpc.add_arguments),
         "compare": (
             "solve the same problem with octo and with other solvers",
@@ -128,7 +132,8 @@ def parse(words: Sequence[str]) -> argparse.Namespace:
             raise UsageError(f"argument {word.removesuffix('=--')}: is '--', must be a value")
     arguments, left = top.parse_known_args(words)
     if left:
-        valid = (commands[arguments.command] if arguments.command else top)._option_string_actions
+        own = commands[arguments.command] if arguments.command else top
+        valid = getattr(arguments, "parser", own)._option_string_actions
         if left[0].startswith("-"):
             raise UnknownNameError(
                 "option", left[0], [name for name in valid if name.startswith("--")]

@@ -6,53 +6,36 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Unpack
 
 import numpy as np
 
 from octo import executors
-from octo.checks import asked, instance, number, positive, steps_in, takes, whole
-from octo.digest import digest
+from octo.checks import asked, steps_in, takes
 from octo.errors import ProblemError, ValueRangeError, said
-from octo.model import store
 from octo.model.character import Character
-from octo.motion_graph.crossing import Crossing, check_alike
+from octo.motion_graph.crossing import Crossing
 from octo.motion_graph.file import File
+from octo.motion_graph.gather import Motions, Wanted, gathered
 from octo.motion_graph.graph import MotionGraph
-from octo.motion_graph.named import NAMED, check_name
-from octo.motion_graph.one_law import under_one_law
+from octo.motion_graph.settings import MOTIONS, Building, Settings
 from octo.motion_graph.work import Batch, Outcome, Pair, batches_of, work
-from octo.problem.hard import Held, at_every_step, held
-from octo.problem.joint_costs import Effort
-from octo.progress import Progress, check_progress
-from octo.result.solution import Solution, solution_of
-from octo.solve import How, Usual
-
-MOTIONS = ("walk", "left", "right", "jump")
-Motions = Sequence[str] | Mapping[str, "Solution | str | os.PathLike[str]"]
-BATCH = 16  # transitions: enough for the vectors of a step
-LONGEST_NAME = 40
+from octo.problem.hard import held
+from octo.progress import Progress
+from octo.result.solution import Solution
+from octo.solve import Usual
 
 
 @asked
-@takes(Usual)
+@takes(Settings, Usual)
 def build(
     robot: Character,
     motions: Motions = MOTIONS,
     *,
     path: str | os.PathLike[str],
-    seconds: float = 10.0,
-    dt: float = 0.025,
-    transitions: float = 1.0,
-    moments: float = 0.25,
-    every: int = 1,
-    share: float = 1.0,
-    loops: int = 3,
-    constraints: Held = "hard",
-    batch: int = BATCH,
     executor: Executor | None = None,
-    **how: Unpack[How],
+    **how: Unpack[Building],
 ) -> MotionGraph:
     """Find motions, loops in them and transitions between them, and keep all in one file.
 
@@ -62,26 +45,24 @@ def build(
     Parameters
     ----------
     robot: with a floating base; the ground is level.
-    motions: names, of "walk", "back", "left", "right" (turns on the spot), "stride_left",
-        "stride_right" and "jump"; or by name motions of yours, or paths of such, of this robot on
+    motions: names: "walk", "back", "left", "right" (turns on the spot), "stride_left",
+        "stride_right", "jump"; or by name motions of yours, or paths of such, of this robot on
         level ground, all with one dt.
     path: of the file, an SQLite database.
-    seconds, dt: s, of motions that are found by their names.
-    transitions: s, of a transition.
-    moments: s between moments of a motion at which it may be left or reached; ``every`` so many of
-        them are looked at.
-    share: of all pairs of moments of two motions, those that are most alike (Kovar et al. 2002);
-        1 is all of them.
-    loops: of each motion, so many ways back into itself, from late moments to early ones that are
-        alike.
-    constraints: what must hold: those of a Problem, or "hard", the limits of the robot as
-        :func:`octo.limits` lists them; of transitions, and of motions that are found by name.
+    seconds, dt: s, of motions that are found by their names. transitions: s, of a transition.
+    moments: s between moments at which a motion may be left or reached; ``every`` so many of them
+        are looked at.
+    share: of all pairs of moments of two motions, the most alike (Kovar et al. 2002); 1 is all.
+    loops: of each motion, so many ways back into itself, from late moments to early alike ones.
+    costs: terms of a transition's E; by default effort, as in the paper.
+    constraints: what must hold of transitions, and of motions that are found by name: those of a
+        Problem, or "hard", the limits of the robot as :func:`octo.limits` lists them.
     batch: transitions that are solved as one.
-    executor: of ``concurrent.futures``, or with its ``submit``, such as a Dask client's
-        ``get_executor()``; it is left open. By default as many processes as there are cores, that
-        begin with nothing of this one, so that a script needs ``if __name__ == "__main__":``.
-    options, max_iterations, time_limit, tolerance, device, threads, progress: of transitions, as
-        those of :func:`octo.solve`; ``passes`` and callback cannot be given.
+    executor: of ``concurrent.futures``, or a Dask client's ``get_executor()``; it is left open. By
+        default as many processes as there are cores, for which a script needs
+        ``if __name__ == "__main__":``.
+    max_iterations: of a transition, by default 300. options, time_limit, tolerance, device,
+        threads, progress: as those of :func:`octo.solve`; passes and callback cannot be given.
 
     Returns
     -------
@@ -91,93 +72,20 @@ def build(
     ------
     OctoError: an argument or the file is refused, or a motion is not found.
     """
-    settings = _Settings(
-        seconds, dt, transitions, moments, every, share, loops, constraints, batch, how
-    )
+    settings = Settings.of(how)
     settings.check(robot, motions, executor)
     with File(path, writes=True) as file:
         record = settings.record(robot, motions)
         _check_same(file, record)
         progress = Progress("") if settings.progress else None
         try:
-            given = _motions(file, robot, motions, settings, progress)
+            wanted = Wanted(robot, motions, settings.seconds, settings.dt, settings.constraints)
+            given = gathered(file, wanted, settings.of_motions, executor, progress)
             _cross(file, given, settings, executor, progress)
         except KeyboardInterrupt:
             if not file.done:
                 raise
     return MotionGraph(path)
-
-
-@dataclass(frozen=True)
-class _Settings:
-    """What a build is asked for."""
-
-    seconds: float
-    dt: float
-    transitions: float
-    moments: float
-    every: int
-    share: float
-    loops: int
-    constraints: Held
-    batch: int
-    how: Mapping[str, Any]
-
-    def check(self, robot: Character, motions: Motions, executor: Executor | None) -> None:
-        """Refuse what can be refused before anything is computed."""
-        instance("robot", robot, Character, "a Character: what octo.load gives")
-        for name in ("seconds", "dt", "transitions", "moments"):
-            positive(name, getattr(self, name), "s")
-        for name, least in (("every", 1), ("loops", 0), ("batch", 1)):
-            whole(name, getattr(self, name), least)
-        if not 0.0 < number("share", self.share) <= 1.0:
-            raise ValueRangeError(f"share is {self.share:g}, must be above 0, and at most 1")
-        check_progress(self.how.get("progress", False), None)
-        executors.check_executor(executor)
-        for name in ("passes", "callback"):
-            if self.how.get(name) is not None:
-                raise ProblemError(f"{name} is given, must be left out of a graph")
-        if isinstance(motions, str) or not isinstance(motions, (Sequence, Mapping)) or not motions:
-            raise ProblemError(
-                f"motions is {said(motions)}, must be names such as {', '.join(MOTIONS)}, or "
-                "motions by name"
-            )
-        if not isinstance(motions, Mapping):
-            for name in motions:
-                check_name(name)
-        for name in motions:
-            if not isinstance(name, str) or not 0 < len(name) <= LONGEST_NAME or "," in name:
-                raise ProblemError(f"a motion's name is {said(name)}, must be a short word")
-        if len({*motions}) < len(motions):
-            raise ProblemError(f"motions {', '.join(motions)} has a name twice")
-        at_every_step(held(robot, self.constraints), "a graph")
-
-    @property
-    def progress(self) -> bool:
-        return bool(self.how.get("progress", False))
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """Of octo.solve, for a batch of transitions."""
-        given = {name: value for name, value in self.how.items() if value is not None}
-        return {"goal": "feasible", **given, "passes": 1, "progress": False}
-
-    def record(self, robot: Character, motions: Motions) -> dict[str, Any]:
-        """What the graph is of, as it is kept in its file."""
-        named = not isinstance(motions, Mapping)
-        each = dict.fromkeys(motions, "named")
-        if isinstance(motions, Mapping):
-            each = {name: digest(solution_of(given).x) for name, given in motions.items()}
-        own = ("transitions", "moments", "every", "share", "loops", "batch")
-        return {
-            "robot": robot.name,
-            "robot's numbers": digest([store.to_plain(robot)]),
-            "motions": each,
-            **({"seconds": float(self.seconds), "dt": float(self.dt)} if named else {}),
-            **{name: getattr(self, name) for name in own},
-            "constraints": [repr(one) for one in held(robot, self.constraints)],
-            "options": {k: repr(v) for k, v in self.options.items() if k not in ("threads",)},
-        }
 
 
 def _check_same(file: File, record: Mapping[str, Any]) -> None:
@@ -189,47 +97,9 @@ def _check_same(file: File, record: Mapping[str, Any]) -> None:
     for name, new in record.items():
         if (old := known.get(name)) != new:
             told = f"{name} is {said(old)} there and {said(new)} here"
-            if name in ("robot's numbers", "constraints"):
+            if name in ("robot's numbers", "costs", "constraints"):
                 told = f"{name} are others"
             raise ProblemError(f"{file.path} is of another graph: {told}; give another path")
-
-
-# -- motions ---------------------------------------------------------------------------------------
-
-
-def _motions(
-    file: File, robot: Character, asked: Motions, settings: _Settings, progress: Progress | None
-) -> dict[str, Solution]:
-    """The motions, those that the file has not yet are found or taken."""
-    known: list[str] = file.names
-    made: dict[str, Solution] = {}
-    for name in asked:
-        if name not in known:
-            if progress is not None:
-                progress(f"motion {name!r}")
-            motion = _motion(robot, name, asked, settings)
-            like = next(iter(made.values()), motion)
-            check_alike(like, motion)
-            file.keep_motion(name, under_one_law(motion, like, settings.constraints, name))
-        made[name] = file.motion(name)
-    return made
-
-
-def _motion(robot: Character, name: str, asked: Motions, settings: _Settings) -> Solution:
-    """One of yours, or the one of that name.
-
-    Raises
-    ------
-    ProblemError: it is not found.
-    """
-    if isinstance(asked, Mapping):
-        return solution_of(asked[name])
-    how = {k: v for k, v in settings.how.items() if k in ("device", "threads") and v is not None}
-    given = {"dt": settings.dt, "constraints": settings.constraints, **how}
-    motion = NAMED[name](robot, settings.seconds, **given)
-    if not motion.converged:
-        raise ProblemError(f"motion {name!r} of {robot.name}: {motion.sentence}")
-    return motion
 
 
 # -- transitions -----------------------------------------------------------------------------------
@@ -238,7 +108,7 @@ def _motion(robot: Character, name: str, asked: Motions, settings: _Settings) ->
 def _cross(
     file: File,
     motions: Mapping[str, Solution],
-    settings: _Settings,
+    settings: Settings,
     executor: Executor | None,
     progress: Progress | None,
 ) -> None:
@@ -256,7 +126,7 @@ def _cross(
     executors.run("octo.motion_graph.build", left, work, take, executor)
 
 
-def _crossings(motions: Mapping[str, Solution], settings: _Settings) -> list[list[Batch]]:
+def _crossings(motions: Mapping[str, Solution], settings: Settings) -> list[list[Batch]]:
     """The batches of each pair of motions, and of each motion with itself."""
     dt = next(iter(motions.values())).dt
     steps, spacing = steps_in(settings.transitions, dt), steps_in(settings.moments, dt)
@@ -267,9 +137,7 @@ def _crossings(motions: Mapping[str, Solution], settings: _Settings) -> list[lis
     apart, made = spacing * settings.every, []
     for a, one in motions.items():
         for b, other in motions.items():
-            crossing = Crossing(one, other, steps, [Effort()])
-            limits = held(crossing.robot, settings.constraints)
-            crossing = replace(crossing, constraints=limits)
+            crossing = crossing_of(one, other, steps, settings)
             pairs = (
                 _loops(crossing, a, apart, settings.loops)
                 if a == b
@@ -277,6 +145,12 @@ def _crossings(motions: Mapping[str, Solution], settings: _Settings) -> list[lis
             )
             made.append(batches_of(crossing, pairs, settings.batch, settings.options))
     return made
+
+
+def crossing_of(one: Solution, other: Solution, steps: int, settings: Settings) -> Crossing:
+    """What the transitions between two motions share."""
+    begun = Crossing(one, other, steps, settings.costs)
+    return replace(begun, constraints=held(begun.robot, settings.constraints))
 
 
 def _pairs(crossing: Crossing, a: str, b: str, apart: int, share: float) -> list[Pair]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -120,6 +121,13 @@ class Route(Shown):
             parts.append(place.moved(x if edge.x is None else edge.x[1:], robot.base_coordinate))
             place = place.then(edge.placement)
         return laid_end_to_end(np.concatenate(parts), self._first)
+
+    def report(self) -> dict[str, Any]:
+        """The numbers of report.json: nodes, and when each command but the first was followed."""
+        return {
+            "nodes": [list(node) for node in self.nodes],
+            "switches": [{**asdict(own), "wait": own.wait} for own in self.switches],
+        }
 
     def __str__(self) -> str:
         crossed = sum(edge.x is not None for edge in self.edges)

@@ -4,33 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from standing import standing
 
 import octo
 from octo.errors import OctoError
 from octo.model.kinematics import sphere_centers
 from octo.motion_graph.crossing import Placement, nodes_of
-from octo.solve import evaluated
-from octo.solver.status import Status
 
-DT, STEPS = 0.025, 30
-
-
-def _standing(depth: float, away: tuple[float, float, float]) -> octo.Solution:
-    """A mammal that stands still, its knees bent by ``depth`` rad, at x, y and yaw ``away``."""
-    robot = octo.load("mammal")
-    base = robot.base_coordinate
-    pose = np.array(octo.Problem(robot, steps=3, dt=DT, costs=[octo.Effort()]).start)
-    knees = [k for k, joint in enumerate(robot.joints) if joint.name.endswith("knee")]
-    pose[knees] -= depth
-    problem = octo.Problem(robot, steps=STEPS, dt=DT, costs=[octo.Effort()], pose=pose)
-    x = problem.start.copy()
-    x[[base, base + 1, base + 3]] += away
-    return evaluated(problem, np.repeat(x[None], STEPS + 1, axis=0), Status.CONVERGED)
+STEPS = 30
 
 
 @pytest.fixture(scope="module")
 def motions():
-    return _standing(0.0, (0.0, 0.0, 0.0)), _standing(0.15, (3.0, -2.0, 2.0))
+    return standing(0.0, (0.0, 0.0, 0.0)), standing(0.15, (3.0, -2.0, 2.0))
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,42 @@
+"""A motion graph: motions, a transition wherever there is one, and a path that does what it is told.
+
+``python examples/motion_graph.py`` builds 300 pairs of moments of four motions of 10 s;
+``--short`` eight pairs of two.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import octo
+
+SHORT = "--short" in sys.argv
+SCRIPT = [("walk", 2.0), ("jump", 1.0), ("walk", 2.0)]
+MORE = [("left", 2.0), ("right", 2.0)]
+
+
+def main(folder: str) -> None:
+    graph = octo.motion_graph.build(
+        octo.gallery.mammal(),
+        ["walk", "jump"] if SHORT else ["walk", "left", "right", "jump"],
+        path=Path(folder) / "mammal.graph",
+        seconds=4.0 if SHORT else 10.0,
+        every=8,  # every two seconds
+        progress=True,
+        device="cpu",
+    )
+    print(graph)
+
+    route = graph.route(SCRIPT if SHORT else SCRIPT + MORE)
+    print(route)
+    motion = route.motion  # torques and forces are measured anew, at the joints of edges too
+    print(motion)
+    assert motion.pointwise_residual <= 1e-5 and motion.torque_excess <= 1.0 + 1e-6
+    assert np.mean([switch.wait for switch in route.switches]) <= 2.0
+
+
+if __name__ == "__main__":  # new processes read this file too
+    with tempfile.TemporaryDirectory() as made:
+        main(made)
