@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import octo
+from octo.cli.main import main
 from octo.errors import OctoError, OutputError, ProblemError
 from octo.model.kinematics import body_poses
 from octo.model.quaternions import rotation_of
@@ -180,3 +181,16 @@ def test_without_forces_there_is_no_key_for_them(graph: MotionGraph, tmp_path: P
     )
     with pytest.raises(OutputError, match="cannot be written"):
         octo.view(graph, tmp_path / "nowhere" / "graph.html")
+
+
+def test_the_command_writes_it_and_says_where(
+    graph: MotionGraph, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "new" / "graph.html"
+    assert main(["graph", "page", str(graph.path), "--out", str(out)]) == 0
+    assert f"written to {out}" in capsys.readouterr().out
+    assert page_data(out.read_text())["motions"]
+    assert main(["graph", "page", str(graph.path), "--out", "graph.gif"]) != 0
+    assert "must end in .html" in capsys.readouterr().err
+    assert main(["graph", "page", str(tmp_path / "none.graph")]) != 0
+    assert "none.graph is not there" in capsys.readouterr().err
