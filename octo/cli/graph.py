@@ -1,4 +1,4 @@
-"""``octo graph build|info|play``: motions and the transitions between them, and ways through."""
+"""``octo graph build|info|play|page``: motions, transitions between them, and ways through."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any, get_args
 
-from octo.checks import one_of
+from octo.checks import ending, one_of
 from octo.cli.arguments import ROBOT, add_device_argument, add_options, number, positive, whole
 from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
 from octo.cli.solve import write_json, write_page
@@ -20,7 +20,7 @@ GRAPH = "what `octo graph build` wrote"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    doing = parser.add_subparsers(dest="doing", metavar="build|info|play", required=True)
+    doing = parser.add_subparsers(dest="doing", metavar="build|info|play|page", required=True)
     for name, (sentence, add) in DOING.items():
         own = doing.add_parser(name, help=sentence, description=sentence, allow_abbrev=False)
         add(own)
@@ -69,10 +69,22 @@ def add_play_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=play)
 
 
+def add_page_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("graph", metavar="GRAPH", help=GRAPH)
+    shapes = "draw the robot as the shapes that octo computes with, not as its file does"
+    add_options(
+        parser,
+        ("--out", None, "graph.html", "the page, one file (default graph.html)", "FILE"),
+        ("--contacts", bool, False, shapes),
+    )
+    parser.set_defaults(run=page)
+
+
 DOING = {
     "build": ("find motions, loops in them and transitions between them", add_build_arguments),
     "info": ("how large a graph is, and how well its motions are reached", add_info_arguments),
     "play": ("do what a script says, as one motion", add_play_arguments),
+    "page": ("a page with which the character is steered", add_page_arguments),
 }
 
 
@@ -137,6 +149,20 @@ def play(arguments: argparse.Namespace) -> int:
     print(route)
     print(motion)
     print(f"written to {folder.path}")
+    return 0
+
+
+def page(arguments: argparse.Namespace) -> int:
+    from octo.motion_graph import MotionGraph
+    from octo.viewer import view
+
+    graph, out = MotionGraph(arguments.graph), ending("out", arguments.out, (".html", ".htm"))
+    folder = OutputFolder(out.parent)
+    folder.check((out.name,))
+    made = view(graph, visuals=not arguments.contacts)
+    for error in folder.write({out.name: made.save}).values():
+        raise error
+    print(f"written to {out}, {len(made.text) / 1e6:.1f} MB")
     return 0
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -217,21 +217,34 @@ class MotionGraph(Shown):
     def _route(
         self, nodes: Sequence[Node], commands: tuple[Command, ...] = (), marks: tuple[int, ...] = ()
     ) -> Route:
-        """The edges between nodes, with what the file holds of them."""
+        pairs = zip(nodes[:-1], nodes[1:], strict=True)
+        return Route(self.motions, tuple(self.edges(pairs)), nodes[0], commands, marks)
+
+    def edges(self, pairs: Iterable[tuple[Node, Node]]) -> list[Edge]:
+        """The edges between nodes, with what the file holds of them.
+
+        Raises
+        ------
+        OctoError: there is no such node or edge.
+        """
         edges = []
         rows = {row["number"]: row for row in self.table}
         nx = next(iter(self.motions.values())).x.shape[1]
         with File(self.path) as file:
-            for one, other in zip(nodes[:-1], nodes[1:], strict=True):
+            for one, other in pairs:
+                self._check(one)
+                self._check(other)
+                if not self.network.has_edge(one, other):
+                    raise ProblemError(f"no edge leads from {one} to {other}")
                 found = self.network.edges[one, other]
                 number = found["number"]
                 if number is None:
                     edges.append(Edge(one, other, found["steps"]))
                     continue
-                row, x = rows[number], file.arrays(number, nx)[0]
+                row, (x, _, force) = rows[number], file.arrays(number, nx)
                 shift = np.array([row["shift_x"], row["shift_y"]])
-                edges.append(Edge(one, other, found["steps"], x, row["yaw"], shift))
-        return Route(self.motions, tuple(edges), nodes[0], commands, marks)
+                edges.append(Edge(one, other, found["steps"], x, row["yaw"], shift, force))
+        return edges
 
     def _check_name(self, name: Any) -> None:
         if name not in self.motions:

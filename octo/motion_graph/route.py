@@ -26,6 +26,7 @@ class Edge:
     x: (steps + 1, nx) of a transition, where the motion of ``start`` lies as it was found; None
         along a motion.
     yaw, shift: rad, (2,) m, where the motion of ``end`` lies behind it.
+    force: (steps, c, 3) N of a transition, of the contacts with the ground.
     """
 
     start: Node
@@ -34,6 +35,7 @@ class Edge:
     x: Array | None = None
     yaw: float = 0.0
     shift: Array | None = None
+    force: Array | None = None
 
     @property
     def placement(self) -> Placement:

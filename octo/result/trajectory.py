@@ -177,12 +177,7 @@ class Trajectory:
     def loaded(self) -> NDArray[np.bool_]:
         """(N, c) the robot's contacts that carry at least 1 % of the weight; of the many of a body
         that carry as much together, those that carry anything."""
-        own = self.normal_force
-        found = own >= LOADED * self.weight
-        for columns in crowd_columns(self.character):
-            carries = own[:, columns].sum(axis=1) >= LOADED * self.weight
-            found[:, columns] = (own[:, columns] > 0.0) & carries[:, None]
-        return found & self.own_contacts
+        return carrying(self.normal_force, self.weight, self.character) & self.own_contacts
 
     @property
     def stance(self) -> NDArray[np.bool_]:
@@ -342,6 +337,16 @@ class Trajectory:
                     "has no shape below them: a map goes on as it is at its edge"
                 )
         return tuple(said)
+
+
+def carrying(normal_force: Array, weight: float, character: Character | None) -> NDArray[np.bool_]:
+    """(N, c) contacts with normal forces (N, c) N of at least 1 % of the weight; of the many of a
+    body that carry as much together, those that carry anything."""
+    found = np.asarray(normal_force >= LOADED * weight)
+    for columns in crowd_columns(character):
+        carries = normal_force[:, columns].sum(axis=1) >= LOADED * weight
+        found[:, columns] = (normal_force[:, columns] > 0.0) & carries[:, None]
+    return found
 
 
 def _plane_around(ground: dict[str, Array], points: Array) -> dict[str, Array]:

@@ -1,4 +1,5 @@
-"""A moving picture: one HTML file with a time line that any browser plays, also offline."""
+"""Moving pictures: one HTML file that any browser shows, also offline. A motion has a time line;
+the character of a motion graph is steered."""
 
 from __future__ import annotations
 
@@ -15,15 +16,17 @@ from typing import Any
 import numpy as np
 
 from octo.checks import ANIMATED, ending, flag, number
-from octo.errors import MissingExtraError, OutputError, ShapeError
+from octo.errors import MissingExtraError, OutputError, ProblemError, ShapeError
 from octo.files import replacing
 from octo.model.figure import size
 from octo.model.quantities import Array
+from octo.motion_graph.graph import MotionGraph
 from octo.result.even import even
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
 from octo.viewer.page import wrap
 from octo.viewer.scene import Actor, Cycle, build, camera_path, frame_times
+from octo.viewer.steer import steering
 
 HEIGHT = 640  # pixels, of the frame in a notebook
 PAGES = (".html", ".htm")  # endings
@@ -63,7 +66,7 @@ class Page:
 
 
 def view(
-    solution: Motion | Sequence[Motion],
+    solution: Motion | Sequence[Motion] | MotionGraph,
     path: str | os.PathLike[str] | None = None,
     *,
     follow: bool = True,
@@ -75,18 +78,20 @@ def view(
 ) -> Page:
     """Draw the motion as one self-contained HTML page (about 1 MB) that plays without a network.
 
-    A notebook shows what is returned where it is the last value of a cell.
-
-    Under the scene are the loaded feet and the joint torques over time; the page steps single
-    frames and plays at 0.05 to 2 times real time.
+    A notebook shows what is returned where it is the last value of a cell. Under the scene are the
+    loaded feet and the joint torques over time; the page steps single frames and plays at 0.05 to 2
+    times real time. With the page of a motion graph its character is steered: arrow keys and
+    buttons choose the motion, which begins at the next transition.
 
     Parameters
     ----------
     solution: one, or several that are shown side by side in one scene (a plan and what a plant
-        made of it); also a Log, or the path of what octo wrote.
+        made of it); also a Log, or the path of what octo wrote; or a MotionGraph, of which path,
+        forces and visuals can be given.
     path: the file, written beside and then renamed; by default none is.
     follow: the camera travels with the (first) character; a mouse still turns it.
-    forces: draw the contact forces as arrows; the weight is as long as 0.8 of the character.
+    forces: draw the contact forces as arrows; the weight is as long as 0.8 of the character. Of a
+        graph key F shows them.
     apart: m, between neighbours of several; by default 1.5 times the larger one. 0 shows them in
         the same place.
     labels: one for each solution; by default the names of the robots.
@@ -98,30 +103,56 @@ def view(
     ------
     MissingExtraError: viser is not installed. ModelError: user-written dynamics have no bodies.
     ShapeError: no solution, or not a label for each. OutputError: the file cannot be written, or
-    its ending is not that of a page: :func:`octo.export` writes a video.
+    its ending is not that of a page: :func:`octo.export` writes a video. ProblemError: no motion
+    of the graph can be kept up, or something is given that it cannot have.
     """
     target = None if path is None else _page(path)
     viser = _viser()
-    solutions = _motions(solution)
-    follow, forces = flag("follow", follow), flag("forces", forces)
-    names = _names(solutions, labels)
-    loop = solutions[0].cycle is not None if loop is None else flag("loop", loop)
-    if loop:  # from half a stride on the other half is its mirror image
-        half = [s.cycle is not None and s.cycle.mirrored for s in solutions]
-        solutions = [s.tile(1) if h else s for s, h in zip(solutions, half, strict=True)]
-    times = frame_times(solutions)
-    actors = _side_by_side(solutions, times, apart, flag("visuals", visuals))
-    with _server(viser) as server:
-        nodes, grounds, scale = build(server, actors, forces)
-        scene = str(server.get_scene_serializer().as_html())
-    cycle = Cycle.of(actors[0]) if loop else None
-    shift = camera_path(actors[0], times, follow, scale, cycle)
-    lap = cycle.on(grounds) if cycle is not None and follow else None
-    text = wrap(scene, actors, nodes, grounds, names, times, shift, loop, lap)
+    forces, visuals = flag("forces", forces), flag("visuals", visuals)
+    if isinstance(solution, MotionGraph):
+        _check_left_out(follow=not follow, apart=apart, labels=labels, loop=loop)
+        with _server(viser) as server:
+            text = steering(server, solution, forces, visuals)
+    else:
+        solutions = _motions(solution)
+        names, follow = _names(solutions, labels), flag("follow", follow)
+        loop = solutions[0].cycle is not None if loop is None else flag("loop", loop)
+        with _server(viser) as server:
+            text = _played(server, solutions, names, follow, forces, apart, loop, visuals)
     page = Page(text)
     if target is not None:
         page.save(target)
     return page
+
+
+def _played(
+    server: Any,
+    solutions: Sequence[Solution],
+    names: Sequence[str],
+    follow: bool,
+    forces: bool,
+    apart: float | None,
+    loop: bool,
+    visuals: bool,
+) -> str:
+    """The text of a page with a time line; ``server``: of viser, whose scene is filled."""
+    if loop:  # from half a stride on the other half is its mirror image
+        half = [s.cycle is not None and s.cycle.mirrored for s in solutions]
+        solutions = [s.tile(1) if h else s for s, h in zip(solutions, half, strict=True)]
+    times = frame_times(solutions)
+    actors = _side_by_side(solutions, times, apart, visuals)
+    nodes, grounds, scale = build(server, actors, forces)
+    scene = str(server.get_scene_serializer().as_html())
+    cycle = Cycle.of(actors[0]) if loop else None
+    shift = camera_path(actors[0], times, follow, scale, cycle)
+    lap = cycle.on(grounds) if cycle is not None and follow else None
+    return wrap(scene, actors, nodes, grounds, names, times, shift, loop, lap)
+
+
+def _check_left_out(**given: object) -> None:
+    for name, value in given.items():
+        if value is not None and value is not False:
+            raise ProblemError(f"{name} is given, must be left out of a motion graph's page")
 
 
 def _page(path: str | os.PathLike[str]) -> Path:

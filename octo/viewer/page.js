@@ -1,31 +1,9 @@
 // The player: it keeps the time, and has the buttons and the keys.
 
 const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2];
-const icon = (d) => `<svg viewBox="0 0 16 16" aria-hidden="true"><path d="${d}"/></svg>`;
-const PLAY = icon("M3 1.5v13l11-6.5z");
-const PAUSE = icon("M3 2h4v12H3zM9 2h4v12H9z");
 const START = icon("M2 2h2v12H2zM14 2v12L5 8z");
 const BACK = icon("M11 2v12L2 8zM12 2h2v12h-2z");
 const FORWARD = icon("M2 2h2v12H2zM5 2l9 6-9 6z");
-
-function button(text, title, press, pressed) {
-  const node = document.createElement("button");
-  node.type = "button";
-  if (text.startsWith("<svg")) node.innerHTML = text;
-  else node.textContent = text;
-  node.title = title;
-  node.setAttribute("aria-label", title);
-  if (pressed !== undefined) node.setAttribute("aria-pressed", pressed);
-  node.onmousedown = (event) => event.preventDefault(); // a click leaves the keyboard where it is
-  node.onclick = press;
-  return node;
-}
-
-async function unpacked(base64) {
-  const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-  return new Float32Array(await new Response(stream).arrayBuffer());
-}
 
 class Player {
   constructor(data, array) {
@@ -44,16 +22,14 @@ class Player {
     this.addButtons();
     this.addKeys();
     this.addDragging();
-    this.findStage(1200);
-    let before = null;
-    const tick = (now) => {
-      // At most 0.1 s at once: a page that was hidden goes on where it was.
-      if (this.playing && this.stage && before !== null)
-        this.advance(Math.min((now - before) / 1000, 0.1));
-      before = now;
-      requestAnimationFrame(tick);
-    };
-    requestAnimationFrame(tick);
+    const build = () => makeStage(data, array);
+    whenBuilt(build, (stage) => {
+      this.stage = stage;
+      this.show();
+    });
+    everyFrame((seconds) => {
+      if (this.playing && this.stage) this.advance(seconds);
+    });
     this.show();
   }
 
@@ -63,13 +39,6 @@ class Player {
 
   get ready() {
     return this.stage !== null;
-  }
-
-  findStage(tries) {
-    this.stage = makeStage(this.data, this.array);
-    if (this.stage) this.show();
-    else if (tries > 0) setTimeout(() => this.findStage(tries - 1), 50);
-    else this.find("notice").textContent = "This browser cannot show the scene.";
   }
 
   seek(t) {
@@ -146,16 +115,7 @@ class Player {
       Home: () => this.seek(0),
       End: () => this.seek(this.end),
     };
-    const listen = (event) => {
-      const inText = event.target.closest?.("input, textarea, select, [contenteditable]");
-      const onButton = event.key === " " && event.target.closest?.("button");
-      const withOthers = event.ctrlKey || event.metaKey || event.altKey;
-      if (inText || onButton || withOthers || !(event.key in keys)) return;
-      event.preventDefault();
-      event.stopImmediatePropagation(); // viser listens to the space bar too
-      keys[event.key]();
-    };
-    window.addEventListener("keydown", listen, true);
+    listenToKeys(keys);
   }
 
   addDragging() {
@@ -188,7 +148,8 @@ class Player {
 }
 
 const octoData = JSON.parse(document.getElementById("octo-data").textContent);
-unpacked(octoData.numbers).then((numbers) => {
+unpacked(octoData.numbers).then((block) => {
+  const numbers = new Float32Array(block);
   const array = ([start, length]) => numbers.subarray(start, start + length);
   window.octoPlayer = new Player(octoData, array); // for scripts and tests
 });

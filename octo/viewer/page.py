@@ -87,19 +87,26 @@ def wrap(
     }
     data["numbers"] = numbers.text()
     solutions = [actor.solution for actor in actors]
-    script = "".join(_text(name) for name in ("scene.js", "charts.js", "page.js"))
     forces, feet = any(n.arrows for n in nodes), any(n.feet for n in nodes)
     body = _head(solutions, labels, loop, forces, feet) + _panel(float(times[-1]), len(times) - 1)
+    title = f"{', '.join(dict.fromkeys(s.name for s in solutions))}: {float(times[-1]):g} s"
+    scripts = ("viser.js", "controls.js", "scene.js", "charts.js", "page.js")
+    return document(scene, title, body, data, scripts)
+
+
+def document(
+    scene: str, title: str, body: str, data: Any, scripts: Sequence[str], style: str = "page.css"
+) -> str:
+    """octo's page around viser's: ``data`` is what its scripts, files of this folder, read."""
+    script = "".join(_text(name) for name in scripts)
     body += f'<script type="application/json" id="octo-data">{_json(data)}</script>'
     body += f'<script>"use strict";(() => {{{script}}})();</script>'
-    title = html.escape(", ".join(dict.fromkeys(s.name for s in solutions)))
-    own = f"<title>{title}: {float(times[-1]):g} s</title>"
-    scene = scene.replace("<title>Viser</title>", own, 1)
+    scene = scene.replace("<title>Viser</title>", f"<title>{html.escape(title)}</title>", 1)
     # The last of each: viser's own script, earlier in the file, may hold any text.
     before, _, after = scene.rpartition("<body>")
     inside, closing, rest = after.rpartition("</body>")
-    style = f"<style>{_text('page.css')}</style>"
-    return "".join((before, '<body class="octo">', style, inside, body, closing, rest))
+    look = f"<style>{_text(style)}</style>"
+    return "".join((before, '<body class="octo">', look, inside, body, closing, rest))
 
 
 def _text(name: str) -> str:
@@ -166,22 +173,33 @@ def _head(
     entries = []
     for k, label in enumerate(labels if several else ()):
         entries.append(f'<li><i style="background:rgb{color_of(k)}"></i>{html.escape(label)}</li>')
+    entries += legend(first, forces, feet)
+    return head(f"{names}: {words}", lines, entries)
+
+
+def head(title: str, lines: Sequence[str], entries: Sequence[str]) -> str:
+    """Above the scene: what it is, and a legend with such entries."""
+    paragraphs = "".join(f"<p>{html.escape(line)}</p>" for line in lines)
+    return (
+        f'<header class="octo-head"><div><h1>{html.escape(title)}</h1>{paragraphs}</div>'
+        f'<ul class="octo-legend" aria-label="legend">{"".join(entries)}</ul></header>'
+    )
+
+
+def legend(solution: Solution, forces: bool, feet: bool) -> list[str]:
+    """The entries of feet, and of forces of a motion such as this one."""
+    entries = []
     if feet:
         for color, meaning in ((FOOT, "foot"), (LOADED_FOOT, "loaded foot")):
             entries.append(f'<li><i class="foot" style="background:rgb{color}"></i>{meaning}</li>')
     if forces:
         meaning = "contact force"
-        if first.character is not None and first.weight > 0.0:
-            newtons = 0.1 * first.weight / (ARROW * size(first.character))  # of 0.1 m
+        if solution.character is not None and solution.weight > 0.0:
+            newtons = 0.1 * solution.weight / (ARROW * size(solution.character))  # of 0.1 m
             meaning += f" (0.1 m is {newtons:.2g} N)"
         style = f"background:rgb{FORCE};color:rgb{FORCE}"
         entries.append(f'<li><i class="arrow" style="{style}"></i>{meaning}</li>')
-    paragraphs = "".join(f"<p>{html.escape(line)}</p>" for line in lines)
-    return (
-        f'<header class="octo-head"><div><h1>{html.escape(names)}: {html.escape(words)}</h1>'
-        f"{paragraphs}</div>"
-        f'<ul class="octo-legend" aria-label="legend">{"".join(entries)}</ul></header>'
-    )
+    return entries
 
 
 def in_words(solution: Solution, loop: bool) -> str:

@@ -1,9 +1,4 @@
-// What viser's scene shows.
-//
-// viser's own player counts in wall time, has no speed below 0.5 and no frames, and replays the
-// whole recording for a step backwards. So the recording is the still scene alone, which hides that
-// player, and each pose is sent from here as the message a viser server would send, through the
-// queue that viser opens to its own browser tests (window.__viserMutable, in viser 1.1.0 and later).
+// A recorded motion at any time, in viser's scene.
 
 // Frame before t, and the share of the way to the next one.
 function frameAt(times, t) {
@@ -18,33 +13,8 @@ function frameAt(times, t) {
   return [low, Math.min(Math.max((t - times[low]) / (times[high] - times[low]), 0), 1)];
 }
 
-const aboutZ = (angle, [x, y, z]) => {
-  const c = Math.cos(angle);
-  const s = Math.sin(angle);
-  return [c * x - s * y, s * x + c * y, z];
-};
-
-const quaternionAboutZ = (angle, [w, x, y, z]) => {
-  const c = Math.cos(angle / 2);
-  const s = Math.sin(angle / 2);
-  return [c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w];
-};
-
-// Between two vectors; between two quaternions the shorter way.
-function mixed(a, b, share) {
-  const turn = a.length === 4;
-  const sign = turn && a.reduce((sum, value, k) => sum + value * b[k], 0) < 0 ? -1 : 1;
-  const sum = Array.from(a, (value, k) => (1 - share) * value + sign * share * b[k]);
-  const norm = turn ? Math.hypot(...sum) : 1;
-  return sum.map((value) => value / norm);
-}
-
 // A function (t, lap) that shows that moment; null while viser has not built its nodes yet.
 function makeStage(data, array) {
-  const viser = window.__viserMutable;
-  if (!viser?.messageQueue || !viser.nodeRefFromName) return null;
-  const times = array(data.times);
-  const shift = array(data.shift);
   const characters = data.characters.map((c) => ({
     ...c,
     rotation: array(c.rotation),
@@ -53,13 +23,11 @@ function makeStage(data, array) {
     carries: array(c.carries),
   }));
   const nodes = characters.flatMap((c) => [...c.bodies, ...c.feet, c.arrows]).filter(Boolean);
-  if (!nodes.every((name) => viser.nodeRefFromName[name])) return null;
-
-  const move = (name, position) => ({ type: "SetPositionMessage", name, position, owner: "" });
-  const turn = (name, wxyz) => ({ type: "SetOrientationMessage", name, wxyz, owner: "" });
-  const update = (name, updates) => ({ type: "SceneNodeUpdateMessage", name, updates, owner: "" });
-  const sent = new Map(); // for what changes seldom
-  const changed = (key, value) => sent.get(key) !== value && Boolean(sent.set(key, value));
+  const viser = connected(nodes);
+  if (!viser) return null;
+  const { move, turn, update, changed } = viser;
+  const times = array(data.times);
+  const shift = array(data.shift);
 
   // A lap begins where the last one ended: the ground goes back, the world turns with the walker.
   function lapMessages(lap) {
@@ -100,7 +68,6 @@ function makeStage(data, array) {
         messages.push(update(c.arrows, { points }));
       }
     }
-    viser.messageQueue.push(...messages);
-    viser.requestRender?.(); // 1.1.0 draws all the time and has no such function
+    viser.send(messages);
   };
 }

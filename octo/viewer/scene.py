@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -171,8 +171,13 @@ def _set_stage(server: Any, actors: Sequence[Actor]) -> None:
     """The camera; light stays as viser has it."""
     scale = max(max(size(actor.character), _extent(actor)) for actor in actors)
     firsts = [actor.com[0] - actor.com[0] * (1, 1, 0) + actor.offset for actor in actors]
-    middle = np.mean(firsts, axis=0)
     wide = scale + 0.4 * float(np.ptp([actor.offset[1] for actor in actors]))
+    set_camera(server, np.mean(firsts, axis=0), scale, wide)
+
+
+def set_camera(server: Any, middle: Array, scale: float, wide: float) -> None:
+    """It looks a little below ``middle`` (3,) m, around which so many m are seen; ``scale`` (m) is
+    the size of what stands there."""
     camera = server.initial_camera
     camera.fov = 0.6
     camera.look_at = tuple(middle - (0.0, 0.0, 0.12 * scale))
@@ -209,29 +214,56 @@ def _add_character(
     server: Any, name: str, actor: Actor, color: Color | None, forces: bool
 ) -> Nodes:
     """``color``: of all of it, None where it stands alone and has its own."""
-    nodes = Nodes()
-    scene, character, scale = server.scene, actor.character, size(actor.character)
-    for b, (body, own) in enumerate(zip(character.bodies, actor.skins, strict=True)):
+    character, ever = actor.character, np.asarray(actor.solution.loaded.any(axis=0))
+    bodies = add_bodies(server, name, character, actor.skins, color)
+    feet = add_feet(server, bodies, character, ever)
+    if not forces or not (ever.any() or actor.touch[0].any()):
+        return Nodes(bodies, feet)
+    add_arrows(server, f"{name}/forces", arrows_of(actor)[0], size(character))
+    return Nodes(bodies, feet, f"{name}/forces")
+
+
+def add_bodies(
+    server: Any,
+    name: str,
+    character: Character,
+    looks: Sequence[Sequence[Skin]],
+    color: Color | None = None,
+) -> dict[int, str]:
+    """Nodes below ``name`` of the bodies that are drawn; ``color``: of all of them."""
+    nodes = {}
+    for b, (body, own) in enumerate(zip(character.bodies, looks, strict=True)):
         if own:
-            nodes.bodies[b] = f"{name}/{b}_{_plain(body.name)}"
+            nodes[b] = f"{name}/{b}_{_plain(body.name)}"
         for k, skin in enumerate(own):  # the others move with the first
-            part = nodes.bodies[b] if k == 0 else f"{nodes.bodies[b]}/part_{k}"
+            part = nodes[b] if k == 0 else f"{nodes[b]}/part_{k}"
             tint = color or (COLORS[0] if skin.color is None else _shown(skin.color))
-            scene.add_mesh_simple(part, skin.surface.vertices, skin.surface.faces, color=tint)
-    ever = np.asarray(actor.solution.loaded.any(axis=0))
+            server.scene.add_mesh_simple(
+                part, skin.surface.vertices, skin.surface.faces, color=tint
+            )
+    return nodes
+
+
+def add_feet(
+    server: Any, bodies: Mapping[int, str], character: Character, ever: NDArray[np.bool_]
+) -> dict[int, str]:
+    """A ball at each contact (c,) with the ground that ``ever`` carries, below its body's node."""
+    nodes, scale = {}, size(character)
     singles = singles_of(character)  # of the others the body's surface is drawn
     for c, k in enumerate(character.terrain_contacts):
         contact = character.contacts[k]
-        if ever[c] and contact.body in nodes.bodies and k in singles:
+        if ever[c] and contact.body in bodies and k in singles:
             surface = ball(contact.position, max(1.1 * contact.radius, 0.018 * scale))
-            nodes.feet[c] = f"{nodes.bodies[contact.body]}/{_plain(contact.name)}"
-            scene.add_mesh_simple(nodes.feet[c], surface.vertices, surface.faces, color=FOOT)
-    if not forces or not (ever.any() or actor.touch[0].any()):
-        return nodes
+            nodes[c] = f"{bodies[contact.body]}/{_plain(contact.name)}"
+            server.scene.add_mesh_simple(nodes[c], surface.vertices, surface.faces, color=FOOT)
+    return nodes
+
+
+def add_arrows(server: Any, name: str, points: Array, scale: float) -> None:
+    """Arrows (k, 2, 3) m of forces, beside a character of size ``scale`` m."""
     radius = 0.01 * scale
     sizes = {"shaft_radius": radius, "head_radius": 2.5 * radius, "head_length": 5 * radius}
-    scene.add_arrows(f"{name}/forces", arrows_of(actor)[0], FORCE, **sizes)
-    return Nodes(nodes.bodies, nodes.feet, f"{name}/forces")
+    server.scene.add_arrows(name, points, FORCE, **sizes)
 
 
 def arrows_of(actor: Actor) -> Array:
