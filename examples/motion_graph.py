@@ -1,4 +1,4 @@
-"""A motion graph: motions, a transition wherever there is one, and a path that does what it is told.
+"""A motion graph: motions, all transitions between them, and a path that does what it is told.
 
 ``python examples/motion_graph.py`` builds 300 pairs of moments of four motions of 10 s;
 ``--short`` eight pairs of two.
