@@ -1,9 +1,10 @@
-"""Strides whose limits must hold, by octo and by IPOPT from the same starts: docs/compare.md.
+"""Motions whose limits must hold, by octo and by IPOPT from the same starts: docs/compare.md.
 
-    python -m benchmarks.bounded [--seeds 3]
+    python -m benchmarks.bounded [--seeds 3] [--only wide tight go2 ten-seconds]
 
-With limits that leave room, and with tight ones that hold a motion back. Times are processor time
-of one thread.
+Half a stride of the mammal with limits that leave room, and with tight ones that hold it back; of
+go2; and ten seconds of the mammal from rest, which takes IPOPT minutes. First pass. Times are
+processor time of one thread.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import sys
 from collections.abc import Sequence
 
 import octo
+from benchmarks.cycles import FILES, ROBOTS
 from octo.bench.contest import Contest
 from octo.cli.compare import HEAD, row, summary
 from octo.reference.run import OPTIONS
@@ -30,24 +32,45 @@ def limits(margin: float, speed: float, mu: float) -> list[octo.Constraint]:
     ]
 
 
-CASES = {"wide": limits(1.0, 12.0, 0.6), "tight": limits(0.15, 7.0, 0.3)}
+WIDE = limits(1.0, 12.0, 0.6)
+
+
+def stride(robot: octo.Character, constraints: Sequence[octo.Constraint]) -> octo.Problem:
+    """Half a stride."""
+    return octo.Problem(
+        robot,
+        steps=STEPS,
+        costs=octo.costs.natural(),
+        constraints=constraints,
+        cycle=octo.Cycle(speed=0.5, period=0.8),
+    )
+
+
+def walk(robot: octo.Character, constraints: Sequence[octo.Constraint]) -> octo.Problem:
+    """Ten seconds from rest, in nodes."""
+    costs = octo.costs.natural()
+    return octo.Problem(robot, steps=400, dt=0.025, costs=costs, constraints=constraints)
+
+
+CASES = {
+    "wide": lambda: stride(octo.gallery.mammal(), WIDE),
+    "tight": lambda: stride(octo.gallery.mammal(), limits(0.15, 7.0, 0.3)),
+    "go2": lambda: stride(octo.load(str(ROBOTS / FILES["go2"])), WIDE),
+    "ten-seconds": lambda: walk(octo.gallery.mammal(), WIDE),
+}
 
 
 def main(words: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3)
-    seeds = parser.parse_args(words).seeds
-    for name, constraints in CASES.items():
-        problem = octo.Problem(
-            octo.gallery.mammal(),
-            steps=STEPS,
-            costs=octo.costs.natural(),
-            constraints=constraints,
-            cycle=octo.Cycle(speed=0.5, period=0.8),
-        )
+    parser.add_argument("--only", nargs="+", choices=CASES, default=["wide", "tight", "go2"])
+    arguments = parser.parse_args(words)
+    for name in arguments.only:
+        problem = CASES[name]()
         print(f"{name} limits\n{HEAD}{'bounds':>10s}", flush=True)
         entries = []
-        for entry in Contest(problem, ("ipopt",), OPTIONS).run(range(FIRST, FIRST + seeds)):
+        seeds = range(FIRST, FIRST + arguments.seeds)
+        for entry in Contest(problem, ("ipopt",), OPTIONS).run(seeds):
             entries.append(entry)
             print(row(entry), flush=True)
         print("\n".join(summary(entries, ("ipopt",), 1)), flush=True)
