@@ -35,7 +35,9 @@ class Skin:
     color: Array | None = None
 
 
-def skins(character: Character, visuals: bool = True, most: int = 4000) -> list[list[Skin]]:
+def skins(
+    character: Character, visuals: bool = True, most: int = 4000, fineness: int = 2
+) -> list[list[Skin]]:
     """By body, what is drawn of it.
 
     Parameters
@@ -44,6 +46,7 @@ def skins(character: Character, visuals: bool = True, most: int = 4000) -> list[
         spheres and the inertia of each body. So are bodies that hang together with none that the
         file draws, and those whose files cannot be read, which is warned of once.
     most: triangles of each mesh, about; meshes of more are simplified.
+    fineness: of the shapes that octo computes with, as of :func:`octo.model.figure.surfaces`.
     """
     drawn: list[list[Skin]] = [[] for _ in character.bodies]
     for look in character.looks if visuals else ():
@@ -52,7 +55,7 @@ def skins(character: Character, visuals: bool = True, most: int = 4000) -> list[
     known = {roots[b] for b, own in enumerate(drawn) if own}
     if len(known) == len(set(roots)):
         return drawn
-    for b, surface in enumerate(surfaces(character)):
+    for b, surface in enumerate(surfaces(character, fineness)):
         if roots[b] not in known and surface is not None:
             drawn[b] = [Skin(surface)]
     return drawn

@@ -245,7 +245,11 @@ def add_bodies(
 
 
 def add_feet(
-    server: Any, bodies: Mapping[int, str], character: Character, ever: NDArray[np.bool_]
+    server: Any,
+    bodies: Mapping[int, str],
+    character: Character,
+    ever: NDArray[np.bool_],
+    fineness: int = 2,
 ) -> dict[int, str]:
     """A ball at each contact (c,) with the ground that ``ever`` carries, below its body's node."""
     nodes, scale = {}, size(character)
@@ -253,7 +257,7 @@ def add_feet(
     for c, k in enumerate(character.terrain_contacts):
         contact = character.contacts[k]
         if ever[c] and contact.body in bodies and k in singles:
-            surface = ball(contact.position, max(1.1 * contact.radius, 0.018 * scale))
+            surface = ball(contact.position, max(1.1 * contact.radius, 0.018 * scale), fineness)
             nodes[c] = f"{bodies[contact.body]}/{_plain(contact.name)}"
             server.scene.add_mesh_simple(nodes[c], surface.vertices, surface.faces, color=FOOT)
     return nodes

@@ -16,7 +16,7 @@ from octo.model.character import Character
 from octo.model.figure import ARROW, Surface, size, tile
 from octo.model.kinematics import body_poses
 from octo.model.quantities import Array
-from octo.model.skins import skins
+from octo.model.skins import Skin, skins
 from octo.motion_graph.graph import MotionGraph
 from octo.motion_graph.policy import Policy, policy
 from octo.result.solution import Solution
@@ -36,8 +36,9 @@ PRINT, FADED = (
     (150, 153, 158),
 )  # colours of the newest and the oldest, of linear light
 LIFT = 3e-3  # m above the ground of a mark, beside a character of 1 m
+COARSE = 1  # of the shapes: without a graphics card a triangle takes 4 to 9 µs
 SKY = 1.6  # light from all around
-TILES, PART = 12, 4  # of the plain ground: squares from its middle on, and in a part of a line
+TILES, PART = 8, 4  # of the plain ground: squares from its middle on, and in a part of a line
 LINE = (168, 174, 182)  # colour of its lines in the middle
 SCRIPTS = ("viser.js", "controls.js", "walker.js", "steer_stage.js", "steer.js")
 
@@ -98,8 +99,9 @@ def _scene(
     server.scene.configure_environment_map(None)
     server.scene.add_light_hemisphere("/sky", ground_color=(190, 190, 200), intensity=SKY)
     (ground,) = add_ground(server, "/world/ground", motion, np.zeros(3), scale)
-    bodies = add_bodies(server, "/world/robot", robot, skins(robot, visuals))
-    feet = add_feet(server, bodies, robot, ever)
+    looks = skins(robot, visuals, fineness=COARSE)
+    bodies = add_bodies(server, "/world/robot", robot, looks)
+    feet = add_feet(server, bodies, robot, ever, COARSE)
     contacts = [robot.contacts[k] for k in robot.terrain_contacts]
     used = np.flatnonzero(ever)
     shown = sorted({robot.base_body, *bodies, *(contacts[c].body for c in used)})
@@ -108,7 +110,7 @@ def _scene(
         away = np.array([(0.0, 0.0, AWAY), (0.0, 0.0, AWAY - 1.0)])
         add_arrows(server, arrows, np.repeat(away[None], len(used), axis=0), scale)
     _add_prints(server, "/world/prints", scale)
-    plain = _add_plain(server, robot, scale, visuals)
+    plain = _add_plain(server, robot, looks, scale)
     return {
         "shown": shown,
         "bodies": [bodies.get(b) for b in shown],
@@ -163,16 +165,18 @@ def _flat(points: Array, height: float) -> Surface:
     return Surface(np.hstack([corners, np.full((len(corners), 1), height)]), faces)
 
 
-def _add_plain(server: Any, robot: Character, scale: float, visuals: bool) -> dict[str, Any]:
+def _add_plain(
+    server: Any, robot: Character, looks: Sequence[Sequence[Skin]], scale: float
+) -> dict[str, Any]:
     """What is shown of the ground where the usual look takes a computer without a graphics card
     too long: lines that fade, and a dark patch below the character in place of shadows."""
-    edge = 1.5 * tile(scale)
+    edge = 2.0 * tile(scale)
     _add_lines(server, "/world/lines", edge)
     pose = robot.start_pose
     turns, places = body_poses(robot, pose)
     drawn = [
         skin.surface.vertices @ turns[b].T + places[b]
-        for b, own in enumerate(skins(robot, visuals))
+        for b, own in enumerate(looks)
         for skin in own
     ]
     first, base = robot.base_coordinate, places[robot.base_body, :2]
@@ -188,7 +192,7 @@ def _add_plain(server: Any, robot: Character, scale: float, visuals: bool) -> di
 
 def _add_lines(server: Any, name: str, edge: float) -> None:
     """Squares of ``edge`` m, of lines that fade with the distance from the middle. They are few:
-    such a computer takes 0.1 ms for each part of a line."""
+    such a computer takes about 0.1 ms for each part of a line."""
     across, along = (edge * np.arange(-TILES, TILES + 1, each) for each in (1, PART))
     nodes = np.stack(np.meshgrid(across, along, [0.0], indexing="ij"), axis=-1)[:, :, 0]
     lines = np.stack([nodes[:, :-1], nodes[:, 1:]], axis=2).reshape(-1, 2, 3)
