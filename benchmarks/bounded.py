@@ -47,8 +47,8 @@ def stride(robot: octo.Character, constraints: Sequence[octo.Constraint]) -> oct
 
 
 def walk(robot: octo.Character, constraints: Sequence[octo.Constraint]) -> octo.Problem:
-    """Ten seconds from rest, in nodes."""
-    costs = octo.costs.natural()
+    """Ten seconds at 0.5 m/s from rest, in nodes."""
+    costs = octo.costs.natural(0.5)
     return octo.Problem(robot, steps=400, dt=0.025, costs=costs, constraints=constraints)
 
 
