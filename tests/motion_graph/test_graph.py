@@ -3,6 +3,7 @@ of a large one holds of it."""
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -18,6 +19,7 @@ from standing import DT, GROUND, standing
 
 import octo
 from octo import motion_graph
+from octo.cli.main import main
 from octo.errors import OctoError, OutputError
 from octo.motion_graph.crossing import Crossing, Placement
 from octo.motion_graph.file import File
@@ -373,3 +375,54 @@ def test_what_cannot_be_asked_is_refused_in_one_line(graph, ask, said) -> None:
     with pytest.raises(OctoError) as refused:
         ask(graph)
     assert said in str(refused.value) and "\n" not in str(refused.value)
+
+
+# -- in the shell ----------------------------------------------------------------------------------
+
+
+def test_info_and_play_in_the_shell(graph, tmp_path, capsys) -> None:
+    assert main(["graph", "info", str(graph.path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == graph.report()
+    out = tmp_path / "played"
+    words = ["graph", "play", str(graph.path), "--script", "high:0.5,low:0.5", "--out", str(out)]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "low: due at 0.50 s" in said
+    report = json.loads((out / "report.json").read_text())
+    assert [own["motion"] for own in report["switches"]] == ["low"]
+    assert octo.Solution.load(out).violation <= LAW and (out / "motion.html").exists()
+
+
+def test_a_graph_is_built_of_files_in_the_shell(motions, tmp_path, capsys) -> None:
+    for name, motion in motions.items():
+        motion.save(tmp_path / f"{name}.npz")
+    files = ",".join(f"{name}={tmp_path / name}.npz" for name in motions)
+    how = ["--transitions", "0.5", "--every", "3", "--share", "0.1", "--loops", "0", "--batch", "1"]
+    words = ["graph", "build", "mammal", "--motions", files, "--out", str(tmp_path / "x.graph")]
+    assert main([*words, *how]) == 0
+    said = capsys.readouterr()
+    assert "2 transitions of 2 pairs (100%), 0 loops" in said.out
+    assert "2 of 2 pairs, 100% of those now found" in said.err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("build mammal", "--out is missing"),
+        ("build mammal --out x --motions walk,a=b.npz", "--motions has names and files"),
+        ("build mammal --out x --limits soft --mu 0.5", "--mu is of limits that hold"),
+        ("build mammal --out x --motions fly", "motion 'fly' is not known"),
+        ("build mammal --out x --evry 2", "option '--evry' is not known; did you mean --every"),
+        ("biuld mammal", "invalid choice: 'biuld'"),
+        ("info nowhere", "nowhere is not there: octo.motion_graph.build makes it"),
+        ("play nowhere", "--script is missing, such as walk:3,left:2"),
+        ("play nowhere --script walk:x", "script has 'walk:x': seconds is 'x'"),
+        ("play nowhere --script :3", "script has ':3', must be NAME:SECONDS"),
+    ],
+)
+def test_what_the_shell_refuses(words, said, capsys, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["graph", *words.split()]) == 2
+    err = capsys.readouterr().err
+    assert said in err and err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
