@@ -93,9 +93,9 @@ def build(
 
 
 def _check_same(file: File, record: Mapping[str, Any]) -> None:
-    """A new file is of this graph now; one of another graph is refused."""
+    """A file without a motion is of this graph now; one of another graph is refused."""
     known = file.record
-    if "robot" not in known:
+    if not file.names:
         file.keep_record(dict(record))
         return
     for name, new in record.items():

@@ -64,6 +64,7 @@ class File:
 
     def __init__(self, path: str | os.PathLike[str], writes: bool = False):
         self.path, self.writes = Path(path), writes
+        self._new = not self.path.exists()
         self._lock: int | None = None
         if writes:
             self._lock = self._alone()
@@ -92,7 +93,11 @@ class File:
             raise RobotFileError(f"{self.path} is of format {found!r}, must be {FORMAT}")
 
     def close(self) -> None:
+        """A new file that has no motion is not left behind."""
+        empty = self.writes and self._new and not self.names
         self.database.close()
+        if empty:
+            self.path.unlink(missing_ok=True)
         self._unlock()  # behind it: a file that this process closes loses all its locks
 
     def __enter__(self) -> File:

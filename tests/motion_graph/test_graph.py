@@ -336,6 +336,7 @@ def test_what_cannot_be_built_is_refused_in_one_line(motions, tmp_path, change, 
     with pytest.raises(OctoError) as refused:
         motion_graph.build(given.pop("robot"), given.pop("motions"), **given)
     assert said in str(refused.value) and "\n" not in str(refused.value)
+    assert change.keys() == {"transitions"} or list(tmp_path.iterdir()) == []
 
 
 def test_a_file_of_another_graph_is_refused(motions, graph) -> None:
