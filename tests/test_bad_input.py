@@ -79,7 +79,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 WALK = "solve mammal --seconds 1"
 CASES = {
-    "no command": ("", "command is missing", "solve, cycle, learn, mpc, compare, bench, info"),
+    "no command": ("", "command is missing", "solve, cycle, learn, graph, mpc, compare"),
     "unknown command": ("sovle mammal", "command 'sovle'", "solve"),
     "unknown option": ("solve mammal --sped 1", "option '--sped'", "--speed"),
     "an option cut short": ("solve mammal --sec 1", "option '--sec'", "--seconds"),

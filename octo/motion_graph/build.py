@@ -27,6 +27,10 @@ from octo.progress import Progress
 from octo.result.solution import Solution
 from octo.solve import Usual
 
+# decimals of m to which distances tie, in the order of moments: beyond them is rounding, and the
+# same build on another machine must try the same pairs
+SAME = 7
+
 
 @asked
 @takes(Settings, Usual)
@@ -163,7 +167,8 @@ def _pairs(crossing: Crossing, a: str, b: str, apart: int, share: float) -> list
     """The pairs of moments of two motions, all or those that are most alike."""
     found, leaving, reaching = crossing.similarity(apart, held=True)
     wanted = max(1, round(share * found.distance.size))
-    best = np.sort(np.argsort(found.distance, axis=None, kind="stable")[:wanted])
+    order = np.argsort(np.round(found.distance, SAME), axis=None, kind="stable")
+    best = np.sort(order[:wanted])
     at, to = np.unravel_index(best, found.distance.shape)
     return [Pair(a, int(leaving[k]), b, int(reaching[m])) for k, m in zip(at, to, strict=True)]
 
@@ -176,7 +181,7 @@ def _loops(crossing: Crossing, name: str, apart: int, count: int) -> list[Pair]:
     found, leaving, reaching = crossing.similarity(apart)
     # it leads further back than a transition lasts, or it is hardly a loop
     back = leaving[:, None] - reaching[None] >= crossing.steps
-    distance = np.where(back, found.distance, np.inf)
+    distance = np.where(back, np.round(found.distance, SAME), np.inf)
     made: list[Pair] = []
     while len(made) < count and np.isfinite(distance).any():
         k, m = np.unravel_index(int(np.argmin(distance)), distance.shape)

@@ -4,9 +4,7 @@ of a large one holds of it."""
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import signal
 import sqlite3
 import subprocess
 import sys
@@ -258,57 +256,71 @@ def test_a_damaged_file_is_one_line(tmp_path: Path, graph, damage: str) -> None:
     assert str(path) in said and "\n" not in said
 
 
+# Each in processes of its own: what this one has compiled for other tests may have other bits.
 SCRIPT = """
-import sys
-from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
+import os, signal, sys
+from concurrent.futures import ThreadPoolExecutor
 import octo
 from octo import motion_graph
+from octo.motion_graph.file import File
 
-def main(path, folder):
+def build(path, folder, executor=None):
     motions = {{name: f"{{folder}}/{{name}}.npz" for name in ("high", "low")}}
-    motion_graph.build(octo.load("mammal"), motions, path=path, **{how!r})
+    robot = octo.load("mammal")
+    motion_graph.build(robot, motions, path=path, executor=executor, **{how!r})
+
+def on_a_cluster(path, folder):
+    import distributed
+    own = dict(n_workers=2, threads_per_worker=1, dashboard_address=None, local_directory=folder)
+    with distributed.LocalCluster(**own) as cluster, distributed.Client(cluster) as client:
+        killed, keep = [], File.keep
+
+        def keep_and_kill(self, outcomes):
+            keep(self, outcomes)
+            if not killed:
+                killed.append(min(client.run(os.getpid).values()))
+                os.kill(killed[0], signal.SIGKILL)
+
+        File.keep = keep_and_kill
+        build(path, folder, client.get_executor())
+        assert killed
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    way, path, folder = sys.argv[1:]
+    if way == "one":
+        build(path, folder, ThreadPoolExecutor(1))
+    elif way == "two":
+        build(path, folder)
+    else:
+        on_a_cluster(path, folder)
 """
 
 
-def test_two_processes_make_the_same_graph_to_the_bit(motions, tmp_path, graph) -> None:
+def elsewhere(way: str, motions, folder: Path) -> motion_graph.MotionGraph:
+    """Built by one process, by two, or by a cluster of two workers, one of which is killed."""
     for name, motion in motions.items():
-        motion.save(tmp_path / f"{name}.npz")
-    script, path = tmp_path / "script.py", tmp_path / "two.graph"
+        motion.save(folder / f"{name}.npz")
+    script, path = folder / "script.py", folder / f"{way}.graph"
     script.write_text(SCRIPT.format(how=HOW), encoding="utf-8")
-    subprocess.run([sys.executable, script, path, tmp_path], check=True, timeout=300)
-    two = motion_graph.MotionGraph(path)
-    assert sorted(map(str, numbers(two))) == sorted(map(str, numbers(graph)))
-    assert sorted(paths(two)) == sorted(paths(graph))
+    subprocess.run([sys.executable, script, way, path, folder], check=True, timeout=300)
+    return motion_graph.MotionGraph(path)
 
 
-def test_a_cluster_makes_the_same_graph_also_where_a_worker_is_killed(
-    motions, tmp_path, graph, monkeypatch
+@pytest.fixture(scope="module")
+def by_one(motions, tmp_path_factory) -> motion_graph.MotionGraph:
+    return elsewhere("one", motions, tmp_path_factory.mktemp("one"))
+
+
+@pytest.mark.parametrize("way", ["two", "cluster"])
+def test_processes_and_a_cluster_make_the_same_graph_to_the_bit(
+    motions, by_one, tmp_path, way: str
 ) -> None:
-    distributed = pytest.importorskip("distributed")
-    killed: list[int] = []
-    keep = File.keep
-
-    def keep_and_kill(self, outcomes) -> None:
-        keep(self, outcomes)
-        if not killed:
-            killed.append(min(client.run(os.getpid).values()))
-            os.kill(killed[0], signal.SIGKILL)
-
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None, local_directory=tmp_path
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        monkeypatch.setattr(File, "keep", keep_and_kill)
-        found = made(motions, tmp_path / "cluster.graph", client.get_executor())
-    assert killed
-    assert sorted(map(str, numbers(found))) == sorted(map(str, numbers(graph)))
-    assert sorted(paths(found)) == sorted(paths(graph))
+    """Also where a worker is killed on the way: nothing is lost, nothing is there twice."""
+    if way == "cluster":
+        pytest.importorskip("distributed")
+    found = elsewhere(way, motions, tmp_path)
+    assert sorted(map(str, numbers(found))) == sorted(map(str, numbers(by_one)))
+    assert sorted(paths(found)) == sorted(paths(by_one))
 
 
 # -- refused ---------------------------------------------------------------------------------------
