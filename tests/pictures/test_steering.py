@@ -71,6 +71,16 @@ def trunk(page: Page) -> list[float]:
     return list(page.evaluate(f"(() => {{ const p = {path}.position; return [p.x, p.y, p.z] }})()"))
 
 
+def longest_arrow(page: Page) -> float:
+    """m, of the contact forces now."""
+    return float(
+        page.evaluate(
+            "(() => { const w = octoSteer.walker; return Math.max(...w.data.contacts.map((_, c) => "
+            "Math.hypot(...(w.force(c, w.step) ?? [0])))) })()"
+        )
+    )
+
+
 def another(page: Page, before: np.ndarray, share: float) -> np.ndarray:
     """The picture, once so much of it is another one: a frame takes a busy machine long."""
     for _ in range(30):
@@ -168,7 +178,12 @@ def test_what_it_does_is_seen(page: Page, plain: bool) -> None:
     page.evaluate("octoSteer.advance(2.0 - octoSteer.walker.clock); 0")
     before = picture(page)
     press(page, "ArrowLeft")
-    advance(page, 2.6)  # three feet carry then
+    advance(page, 2.6)
+    lengths = [longest_arrow(page)]
+    while len(lengths) < 50 or lengths[-1] < 0.8 * max(lengths):
+        advance(page, STEP)
+        lengths.append(longest_arrow(page))
+        assert len(lengths) < 500, f"no force as long as one was before, {max(lengths):.3f} m"
     after = another(page, before, 0.01)
     assert after.std() > 0.02, "nothing is drawn"
     press(page, "f")
