@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Mapping
 from typing import get_args
 
+from octo.cli.graph import DOING
 from octo.errors import UnknownNameError
 from octo.goals import Kind, Preset
 from octo.model.gallery import CHARACTERS
@@ -26,7 +27,6 @@ OR_FILES = ("--world",)  # options that take a file as well
 OTHERS: dict[str, tuple[str, ...]] = {"mpc --goal": ("walk", "stride", "turn", "stand")}
 OTHERS |= {"learn --goal": ("walk", "stride", "turn", "stand")}
 OTHERS |= {"replay --plant": ("mujoco",), "mpc --basis": ("nodes",)}
-GRAPH = ("build", "info", "play")
 # commands whose first word may be a robot's name
 ROBOTS = ("solve", "cycle", "learn", "mpc", "compare", "simulate", "info")
 BASH = """_octo() {
@@ -84,7 +84,7 @@ def _words(command: str, option: str) -> tuple[str, ...]:
 
 def _first(command: str, commands: Parsers) -> tuple[str, ...]:
     """What a command's first word may be, beside a file."""
-    words = {"help": tuple(commands), "completion": SHELLS, "graph": GRAPH}
+    words = {"help": tuple(commands), "completion": SHELLS, "graph": tuple(DOING)}
     return words.get(command, tuple(CHARACTERS) if command in ROBOTS else ())
 
 

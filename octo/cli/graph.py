@@ -5,22 +5,30 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any, get_args
 
-from octo.checks import ending, one_of
-from octo.cli.arguments import ROBOT, add_device_argument, add_options, number, positive, whole
+from octo.checks import ending
+from octo.cli.arguments import (
+    ROBOT,
+    add_device_argument,
+    add_options,
+    check_limits,
+    limits_of,
+    number,
+    positive,
+    whole,
+)
 from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
 from octo.cli.solve import write_json, write_page
 from octo.errors import UsageError, ValueRangeError
 from octo.model.load import load
-from octo.problem.hard import MU, Kind, limits
+from octo.problem.hard import MU
 
 FILES = ("solution.npz", "report.json", "motion.html")
 GRAPH = "what `octo graph build` wrote"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    doing = parser.add_subparsers(dest="doing", metavar="build|info|play|page", required=True)
+    doing = parser.add_subparsers(dest="doing", metavar="|".join(DOING), required=True)
     for name, (sentence, add) in DOING.items():
         own = doing.add_parser(name, help=sentence, description=sentence, allow_abbrev=False)
         add(own)
@@ -90,9 +98,7 @@ DOING = {
 
 def build(arguments: argparse.Namespace) -> int:
     """The file grows while it is built: Ctrl-C loses nothing."""
-    one_of("limits", arguments.limits, get_args(Kind))
-    if arguments.mu is not None and arguments.limits != "hard":
-        raise UsageError("--mu is of limits that hold: it goes with --limits hard")
+    check_limits(arguments)
     if arguments.out is None:
         raise UsageError("--out is missing: the file of the graph")
     robot, words = load(arguments.robot), arguments.motions.split(",")
@@ -103,16 +109,13 @@ def build(arguments: argparse.Namespace) -> int:
     OutputFolder(out.parent).check()
     from octo import motion_graph
 
-    held: Any = arguments.limits
-    if arguments.mu is not None:
-        held = limits(robot, mu=arguments.mu)
     names = "seconds dt transitions moments every share loops batch max_iterations threads device"
     out.parent.mkdir(parents=True, exist_ok=True)
     graph = motion_graph.build(
         robot,
         given or words,
         path=out,
-        constraints=[] if held == "soft" else held,
+        constraints=limits_of(robot, arguments),
         progress=True,
         **{name: getattr(arguments, name) for name in names.split()},
     )

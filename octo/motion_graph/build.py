@@ -160,7 +160,9 @@ def crossing_of(one: Solution, other: Solution, steps: int, settings: Settings) 
     window = None if settings.window is None else steps_in(settings.window, one.dt)
     cloud = points_of if settings.cloud is None else settings.cloud
     begun = Crossing(one, other, steps, settings.costs, window=window, cloud=cloud)
-    return replace(begun, constraints=held(begun.robot, settings.constraints))
+    made = replace(begun, constraints=held(begun.robot, settings.constraints))
+    _ = made.limits  # once, here, and not for every batch
+    return made
 
 
 def _pairs(crossing: Crossing, a: str, b: str, apart: int, share: float) -> list[Pair]:

@@ -42,18 +42,19 @@ class Placement:
 
     def moved(self, x: Array, first: int) -> Array:
         """Configurations (…, nx) of a floating base whose coordinates begin at ``first``."""
-        made = x.copy()
-        c, s = np.cos(self.yaw), np.sin(self.yaw)
-        ground = slice(first, first + 2)
-        made[..., ground] = x[..., ground] @ np.array([[c, s], [-s, c]]) + self.shift
+        made, ground = x.copy(), slice(first, first + 2)
+        made[..., ground] = self._laid(x[..., ground])
         made[..., first + 3] += self.yaw
         return made
 
     def then(self, other: Placement) -> Placement:
         """Where what lies at ``other`` of a motion is that lies here."""
+        return Placement(self.yaw + other.yaw, self._laid(other.shift))
+
+    def _laid(self, ground: Array) -> Array:
+        """Places (…, 2) m of the motion."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
-        carried = other.shift @ np.array([[c, s], [-s, c]]) + self.shift
-        return Placement(self.yaw + other.yaw, carried)
+        return np.asarray(ground @ np.array([[c, s], [-s, c]]) + self.shift)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +90,9 @@ class Crossing:
         return robot
 
     @cached_property
-    def _held(self) -> list[Constraint]:
-        """The constraints, as they are meant of the robot that stands."""
+    def limits(self) -> list[Constraint]:
+        """The constraints, as they are meant of the robot that stands; once they are made they are
+        sent to other processes with the rest."""
         rest = Problem(self.robot, steps=3, dt=self.one.dt, costs=self.costs, law=self.law)
         return [standing(own.placed(rest.setting), rest.start) for own in self.constraints]
 
@@ -135,7 +137,7 @@ class Crossing:
             steps=self.steps,
             dt=dt,
             costs=beside(self.constraints, self.costs),
-            constraints=self._held,
+            constraints=self.limits,
             terrain=ground_of(self.one),
             law=self.law,
             x0=before[1],

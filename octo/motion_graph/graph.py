@@ -85,13 +85,17 @@ class MotionGraph(Shown):
                 numbers = {"effort": effort_of(u, motion.dt), "number": None}
                 edge = (name, step), (name, step + self.apart)
                 graph.add_edge(*edge, steps=self.apart, seconds=span, **numbers)
-        for row in self.table:
-            if row["found"] and row["number"] not in self.left_out:
-                numbers = {"effort": row["effort"], "number": row["number"]}
-                edge = (row["one"], row["at"]), (row["other"], row["to"])
-                span = self.crossing * self.dt
-                graph.add_edge(*edge, steps=self.crossing, seconds=span, **numbers)
+        for row in self._kept:
+            numbers = {"effort": row["effort"], "number": row["number"]}
+            edge = (row["one"], row["at"]), (row["other"], row["to"])
+            span = self.crossing * self.dt
+            graph.add_edge(*edge, steps=self.crossing, seconds=span, **numbers)
         return graph
+
+    @property
+    def _kept(self) -> list[dict[str, Any]]:
+        """The rows of the transitions that it has."""
+        return [row for row in self.table if row["found"] and row["number"] not in self.left_out]
 
     @property
     def dt(self) -> float:
@@ -135,7 +139,7 @@ class MotionGraph(Shown):
         for name, limit in most.items():
             if limit is not None:
                 positive(name, limit)
-        rows = [row for row in self.table if row["found"] and row["number"] not in self.left_out]
+        rows = self._kept
         out = {
             row["number"]
             for row in rows
