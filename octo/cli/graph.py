@@ -51,7 +51,7 @@ def add_build_arguments(parser: argparse.ArgumentParser) -> None:
         ("--loops", whole(0), 3, "ways of each motion back into itself"),
         ("--limits", None, "hard", held, "soft|hard"),
         ("--mu", positive, None, f"friction of the ground, of --limits hard (default {MU:g})"),
-        ("--batch", whole(1), 16, "transitions that are solved as one"),
+        ("--batch", whole(1), 64, "transitions that are solved together"),
         ("--max-iterations", whole(1), None, "of one transition"),
         ("--threads", whole(1), 1, "of the CPU, in each process"),
         ("--out", None, None, "the file; what is there already is gone on with", "FILE"),

@@ -3,18 +3,21 @@ fixed, and where the second one stands."""
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octo.checks import Array
+from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.laws import ContactLaw
 from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.tree import Tree
+from octo.motion_graph.neighbours import apart
 from octo.motion_graph.similarity import Alignment, aligned, points_of, windows
 from octo.motions.path import blend, ground_law
 from octo.problem.constraints import Constraint
@@ -47,14 +50,33 @@ class Placement:
         made[..., first + 3] += self.yaw
         return made
 
+    @property
+    def back(self) -> Placement:
+        """The way back."""
+        turned = Placement(-self.yaw, np.zeros(2))
+        return Placement(-self.yaw, -turned._laid(self.shift))
+
     def then(self, other: Placement) -> Placement:
         """Where what lies at ``other`` of a motion is that lies here."""
         return Placement(self.yaw + other.yaw, self._laid(other.shift))
+
+    def turned(self, vectors: Array) -> Array:
+        """Vectors (…, 3) of the motion."""
+        turn = Placement(self.yaw, np.zeros(2))
+        return np.concatenate([turn._laid(vectors[..., :2]), vectors[..., 2:]], axis=-1)
 
     def _laid(self, ground: Array) -> Array:
         """Places (…, 2) m of the motion."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         return np.asarray(ground @ np.array([[c, s], [-s, c]]) + self.shift)
+
+
+HERE = Placement(0.0, np.zeros(2))
+
+
+def stands(x: Array, base: int) -> Placement:
+    """Where a robot at x (nx,) stands and heads."""
+    return Placement(float(x[base + 3]), x[base : base + 2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +112,15 @@ class Crossing:
         return robot
 
     @cached_property
+    def dynamics(self) -> RobotDynamics:
+        """Of all problems: what is generated of one of them is that of all."""
+        model = self.robot, self.law, ground_of(self.one)
+        try:
+            return _dynamics(pickle.dumps(model))
+        except (pickle.PicklingError, AttributeError, TypeError):  # a law that knows no pickle
+            return RobotDynamics(*model)
+
+    @cached_property
     def limits(self) -> list[Constraint]:
         """The constraints, as they are meant of the robot that stands; once they are made they are
         sent to other processes with the rest."""
@@ -117,6 +148,17 @@ class Crossing:
             moments.append(own)
         return aligned(*clouds), moments[0], moments[1]
 
+    def apart(self, moments: Steps, leads: bool) -> Array:
+        """(m, m) rms, how far what is crossed is apart, of moments (m,) at which the second motion
+        is reached, where the transition ``leads`` there, or the first one left; wherever they
+        stand and head."""
+        motion, back = (self.other, self.steps) if leads else (self.one, 0)
+        base, made = self.robot.base_coordinate, []
+        for step in moments:
+            x = nodes_of(motion, int(step) - back, self.steps)
+            made.append(stands(x[0], base).back.moved(x, base))
+        return apart(np.stack(made))
+
     def placed(self, at: int, to: int) -> tuple[Alignment, Placement]:
         """Where the second motion stands when step ``at`` of the first is left for step ``to``."""
         spans = (
@@ -124,22 +166,31 @@ class Crossing:
             nodes_of(self.other, to - self.steps, self.steps),
         )
         found = aligned(*(self.cloud(self.robot, x)[None] for x in spans))
-        return found, Placement(float(found.yaw[0, 0]), found.shift[0, 0])
+        heading = self.robot.base_coordinate + 3
+        # of headings that count whole turns the one next to that which is there
+        off = float(found.yaw[0, 0] + (spans[1] - spans[0])[:, heading].mean())
+        yaw = float(found.yaw[0, 0]) - 2.0 * np.pi * round(off / (2.0 * np.pi))
+        return found, Placement(yaw, found.shift[0, 0])
 
-    def problem(self, at: int, to: int, placed: Placement) -> tuple[Problem, Array]:
+    def begins(self, at: int) -> Placement:
+        """Where the first motion stands at step ``at``."""
+        return stands(nodes_of(self.one, at, 0)[0], self.robot.base_coordinate)
+
+    def problem(
+        self, at: int, to: int, placed: Placement, begins: Placement = HERE
+    ) -> tuple[Problem, Array]:
         """From step ``at`` of the first motion to step ``to`` of the second, and a first guess
-        (steps + 1, nx): the one blended into the other."""
+        (steps + 1, nx): the one blended into the other; as seen from where it ``begins``."""
         base, dt = self.robot.base_coordinate, self.one.dt
         before = nodes_of(self.one, at - 1, self.steps + 1)
         after = placed.moved(nodes_of(self.other, to - self.steps - 1, self.steps + 1), base)
+        before, after = (begins.back.moved(x, base) for x in (before, after))
         problem = Problem(
-            self.robot,
+            self.dynamics,
             steps=self.steps,
             dt=dt,
             costs=beside(self.constraints, self.costs),
             constraints=self.limits,
-            terrain=ground_of(self.one),
-            law=self.law,
             x0=before[1],
             v0=(before[1] - before[0]) / dt,
             x_end=after[-1],
@@ -149,6 +200,12 @@ class Crossing:
         guess = blend(before[1:], after[1:])
         guess[-2] = after[-2]
         return problem, guess
+
+
+@lru_cache(maxsize=4)
+def _dynamics(model: bytes) -> RobotDynamics:
+    """Of robot, law and ground: of crossings that come one by one from another process too."""
+    return RobotDynamics(*pickle.loads(model))
 
 
 def laid_end_to_end(x: Array, motion: Solution, law: ContactLaw | None = None) -> Solution:

@@ -24,9 +24,9 @@ from octo.result.solution import solution_of
 from octo.solve import How
 
 MOTIONS = ("walk", "left", "right", "jump")
-BATCH = 16  # transitions: enough for the vectors of a step
+BATCH = 64  # transitions
 EFFORT = (Effort(),)
-ITERATIONS = 300  # of a transition; most take a fifth of it
+ITERATIONS = 100  # of a transition, from a neighbour again where that is not enough
 LONGEST_NAME = 40
 
 

@@ -1,7 +1,8 @@
-"""What is solved for a graph: pairs of moments in batches, and what came of each pair."""
+"""What is solved for a graph: pairs of moments that are alike, and what came of each pair."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,9 +12,10 @@ import numpy as np
 from octo.checks import Array
 from octo.errors import OctoError
 from octo.executors import Failed, stopped
-from octo.motion_graph.crossing import Crossing
+from octo.motion_graph.crossing import Crossing, Placement
+from octo.motion_graph.neighbours import Neighbours, in_a_row
+from octo.motion_graph.similarity import Alignment
 from octo.result.solution import Solution
-from octo.solve import solve
 from octo.solver.sqp import Iterate
 
 # N, ‖C‖∞ of a transition, of robots up to 5 kg; of heavier ones in proportion
@@ -32,7 +34,7 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Pairs of the same two motions, solved as one.
+    """Pairs of the same two motions, alike enough that one leads to the other.
 
     Attributes
     ----------
@@ -88,22 +90,29 @@ def work(batch: Batch) -> list[Outcome] | Failed | None:
 
 def _outcomes(batch: Batch) -> list[Outcome] | None:
     crossing = batch.crossing
-    placed = [crossing.placed(pair.at, pair.to) for pair in batch.pairs]
-    made = [
-        crossing.problem(pair.at, pair.to, place)
-        for pair, (_, place) in zip(batch.pairs, placed, strict=True)
+    spots = [
+        _Spot(pair, *crossing.placed(pair.at, pair.to), crossing.begins(pair.at))
+        for pair in batch.pairs
     ]
-    motions = solve(
-        [problem for problem, _ in made],
-        start=[guess for _, guess in made],
-        callback=_stopped,
-        **batch.how,
-    )
-    if stopped():
+    made = [crossing.problem(own.pair.at, own.pair.to, own.place, own.begins) for own in spots]
+    alike = Neighbours(made, {**batch.how, "callback": _stopped}, _good, stopped)
+    motions = alike.solved()
+    if motions is None:
         return None
-    share = 1.0 / len(motions)
-    told = zip(batch.pairs, placed, motions, strict=True)
-    return [_outcome(pair, *place, motion, share) for pair, place, motion in told]
+    base = crossing.robot.base_coordinate
+    told = zip(spots, motions, alike.iterations, alike.seconds, strict=True)
+    return [_outcome(own, motion, base, *spent) for own, motion, *spent in told]
+
+
+@dataclass(frozen=True, eq=False)
+class _Spot:
+    """A pair, how alike its motions are, where the second one stands, and where the first one does:
+    a problem is seen from there, so that those that differ in place and heading are the same."""
+
+    pair: Pair
+    found: Alignment
+    place: Placement
+    begins: Placement
 
 
 def _stopped(at: Iterate) -> bool:
@@ -111,23 +120,27 @@ def _stopped(at: Iterate) -> bool:
     return stopped()
 
 
-def _outcome(pair: Pair, found: Any, place: Any, motion: Solution, share: float) -> Outcome:
+def _good(motion: Solution) -> bool:
+    return not broken(motion)
+
+
+def _outcome(spot: _Spot, motion: Solution, base: int, iterations: int, seconds: float) -> Outcome:
     why = broken(motion)
     return Outcome(
-        pair,
+        spot.pair,
         not why,
         why,
         motion.violation,
         effort_of(motion.u, motion.dt),
         motion.torque_excess,
-        motion.iterations,
-        motion.processor_seconds * share,
-        float(found.distance[0, 0]),
-        place.yaw,
-        np.asarray(place.shift),
-        motion.x[1:],
+        int(iterations),
+        float(seconds),
+        float(spot.found.distance[0, 0]),
+        spot.place.yaw,
+        np.asarray(spot.place.shift),
+        spot.begins.moved(motion.x[1:], base),
         motion.u,
-        motion.contact_force,
+        spot.begins.turned(motion.contact_force),
     )
 
 
@@ -149,5 +162,18 @@ def broken(motion: Solution) -> str:
 def batches_of(
     crossing: Crossing, pairs: Sequence[Pair], size: int, how: dict[str, Any]
 ) -> list[Batch]:
-    """Pairs of two motions, ``size`` at a time."""
-    return [Batch(crossing, tuple(pairs[k : k + size]), how) for k in range(0, len(pairs), size)]
+    """Pairs of two motions, ``size`` at most together, whose moments are alike."""
+    if not pairs:
+        return []
+    rows = math.isqrt(size)
+    left = _tiled(crossing, [pair.at for pair in pairs], False, rows)
+    reached = _tiled(crossing, [pair.to for pair in pairs], True, size // rows)
+    row = sorted(pairs, key=lambda pair: (left[pair.at], reached[pair.to]))
+    return [Batch(crossing, tuple(row[k : k + size]), how) for k in range(0, len(row), size)]
+
+
+def _tiled(crossing: Crossing, moments: Sequence[int], leads: bool, side: int) -> dict[int, int]:
+    """The tile of each moment, ``side`` of them in one."""
+    own = np.unique(moments)
+    row = own[in_a_row(crossing.apart(own, leads))]
+    return {int(step): k // side for k, step in enumerate(row)}
