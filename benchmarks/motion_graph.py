@@ -7,7 +7,8 @@ docs/motion_graph.md.
 Four motions of 10 s, N = 400, and transitions of 1 s between all moments of different ones that are
 0.25 s apart: 12 × 40 × 40 pairs. A graph that is in the folder is gone on with. Ten commands of
 5 to 7 s are followed from five seeds; 20 s of such a way are replayed in MuJoCo. Seconds of a
-transition are processor time of one thread, in batches of several sizes, of the same pairs.
+transition are processor time of one thread, of the same pairs, alone, in batches, and each from the
+nearest one that was found.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from octo.motion_graph.route import Route, waits
 MOTIONS = ("walk", "left", "right", "jump")
 SEEDS, COMMANDS, LONG = 5, 10, 60.0  # of ways, of each, s
 STARTS = 5
-SIZES, SAMPLE = (1, 4, 16, 64), 64  # transitions of a batch; pairs that are timed
+SIZES, TIMED = (1, 4, 16, 64), 12  # transitions of a call; the batch of pairs that is timed
 DOTS = 110  # an inch
 
 
@@ -76,34 +77,46 @@ def replayed(graph: MotionGraph) -> dict[str, Any]:
 
 
 def timed(graph: MotionGraph) -> list[dict[str, Any]]:
-    """The same pairs in batches of several sizes, in this process."""
-    from octo.motion_graph.build import crossing_of
+    """Pairs that are alike: from a blend in batches of several sizes, and each from the nearest one
+    that was found; in this process."""
+    from octo.motion_graph.build import crossing_of, pairs_of
     from octo.motion_graph.settings import Settings
-    from octo.motion_graph.work import Pair, batches_of, work
+    from octo.motion_graph.work import batches_of, broken, work
 
-    settings, rng = Settings(how={"device": "cpu"}), np.random.default_rng(0)
+    settings = Settings(how={"device": "cpu"})
     one, other = (graph.motions[name] for name in MOTIONS[:2])
     crossing = crossing_of(one, other, graph.crossing, settings)
-    at, to = rng.integers(0, one.steps // 10, (2, SAMPLE)) * 10
-    pairs = [Pair("walk", int(a), "left", int(b)) for a, b in zip(at, to, strict=True)]
-    work(batches_of(crossing, pairs[:2], 2, settings.options)[0])  # what is compiled
-    made = []
+    apart = round(settings.moments / one.dt)
+    pairs = pairs_of(crossing, *MOTIONS[:2], apart, settings.share)
+    batch = batches_of(crossing, pairs, settings.batch, settings.options)[TIMED]
+    problems = [crossing.problem(p.at, p.to, crossing.placed(p.at, p.to)[1]) for p in batch.pairs]
+    count, made = len(problems), []
+    octo.solve(problems[0][0], start=problems[0][1], **settings.options)  # what is compiled
     for size in SIZES:
-        began, outcomes = time.process_time(), []
-        for batch in batches_of(crossing, pairs, size, settings.options):
-            done = work(batch)
-            assert isinstance(done, list), done
-            outcomes += done
+        began, motions = time.process_time(), []
+        for k in range(0, count, size):
+            asked, starts = zip(*problems[k : k + size], strict=True)
+            motions += octo.solve(list(asked), start=list(starts), **settings.options)
         spent = time.process_time() - began
-        made.append(
-            {
-                "batch": size,
-                "seconds": spent / SAMPLE,
-                "found": sum(one.found for one in outcomes),
-                "iterations": float(np.median([one.iterations for one in outcomes])),
-            }
-        )
-        print(made[-1], flush=True)
+        told = [(not broken(motion), motion.iterations) for motion in motions]
+        made.append(row(f"from a blend, {size} at once", told, spent))
+    began = time.process_time()
+    outcomes = work(batch)
+    assert isinstance(outcomes, list), outcomes
+    told = [(own.found, own.iterations) for own in outcomes]
+    made.append(row("from the nearest", told, time.process_time() - began))
+    return made
+
+
+def row(name: str, told: Sequence[tuple[bool, int]], spent: float) -> dict[str, Any]:
+    """Of transitions, found or not and with how many iterations."""
+    made = {
+        "how": name,
+        "seconds": spent / len(told),
+        "found": sum(found for found, _ in told) / len(told),
+        "iterations": float(np.median([iterations for _, iterations in told])),
+    }
+    print(made, flush=True)
     return made
 
 

@@ -65,7 +65,8 @@ def build(
     costs: terms of a transition's E; by default effort, as in the paper.
     constraints: what must hold of transitions, and of motions that are found by name: those of a
         Problem, or "hard", the limits of the robot as :func:`octo.limits` lists them.
-    batch: transitions that are solved as one.
+    batch: so many transitions that are alike are solved together, most of them from the nearest one
+        that was found.
     executor: of ``concurrent.futures``, or a Dask client's ``get_executor()``; it is left open. By
         default as many processes as there are cores, for which a script needs
         ``if __name__ == "__main__":``.
@@ -149,7 +150,7 @@ def _crossings(motions: Mapping[str, Solution], settings: Settings) -> list[list
             pairs = (
                 _loops(crossing, a, apart, settings.loops)
                 if a == b
-                else _pairs(crossing, a, b, apart, settings.share)
+                else pairs_of(crossing, a, b, apart, settings.share)
             )
             made.append(batches_of(crossing, pairs, settings.batch, settings.options))
     return made
@@ -165,7 +166,7 @@ def crossing_of(one: Solution, other: Solution, steps: int, settings: Settings) 
     return made
 
 
-def _pairs(crossing: Crossing, a: str, b: str, apart: int, share: float) -> list[Pair]:
+def pairs_of(crossing: Crossing, a: str, b: str, apart: int, share: float) -> list[Pair]:
     """The pairs of moments of two motions, all or those that are most alike."""
     found, leaving, reaching = crossing.similarity(apart, held=True)
     wanted = max(1, round(share * found.distance.size))
