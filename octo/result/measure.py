@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -25,6 +26,7 @@ from octo.world.world import World
 
 GROUND_MARGIN = 1.0  # m, of sampled terrain around the motion
 GROUND_SPACING = 0.1  # m
+LEVEL = 1e-11  # m, of φ on the ground, as fine as bisection gets
 
 
 def violations(problem: CompiledProblem, at: Evaluation) -> tuple[Array, Array]:
@@ -150,9 +152,18 @@ def ground(dynamics: RobotDynamics, p: Array, around: Array) -> dict[str, Array]
     x, y = (np.linspace(low[k], high[k], counts[k]) for k in (0, 1))
     grid = np.stack([a.ravel() for a in np.meshgrid(x, y, indexing="ij")], axis=1)
     phi = distances(dynamics.terrain, section(dynamics.layout.named(p), "terrain."))
-    below, above = np.full(len(grid), low[2] - 3.0), np.full(len(grid), high[2] + 3.0)
-    for _ in range(40):  # φ grows with height: bisection on the vertical line over each grid point
+    return {"x": x, "y": y, "z": _heights(phi, grid, low[2], high[2]).reshape(len(x), len(y))}
+
+
+def _heights(phi: Callable[[Array], Array], grid: Array, low: float, high: float) -> Array:
+    """z (k,) m where φ is zero over places (k, 2) m."""
+    below, above = np.full(len(grid), low - 3.0), np.full(len(grid), high + 3.0)
+    first, last = (phi(np.column_stack([grid, z])) for z in (below, above))
+    flat = below - first * (above - below) / np.where(last > first, last - first, 1.0)
+    if (np.abs(phi(np.column_stack([grid, flat]))) < LEVEL).all():  # a plane
+        return flat
+    for _ in range(40):  # φ grows with height: bisection on the vertical line over each place
         middle = 0.5 * (below + above)
         inside = phi(np.column_stack([grid, middle])) < 0.0
         below, above = np.where(inside, middle, below), np.where(inside, above, middle)
-    return {"x": x, "y": y, "z": (0.5 * (below + above)).reshape(len(x), len(y))}
+    return np.asarray(0.5 * (below + above))
