@@ -13,13 +13,5 @@ ROWS = {
             NOT_YET,
             "octo's bodies are rigid",
         )
-    ],
-    "sec86": [
-        Row(
-            "motion graphs of a spider and a mammal (Fig. 12)",
-            "“within 60min of computation for each characters”",
-            NOT_YET,
-            "",
-        )
-    ],
+    ]
 }

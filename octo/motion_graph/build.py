@@ -65,8 +65,7 @@ def build(
     costs: terms of a transition's E; by default effort, as in the paper.
     constraints: what must hold of transitions, and of motions that are found by name: those of a
         Problem, or "hard", the limits of the robot as :func:`octo.limits` lists them.
-    batch: so many transitions that are alike are solved together, most of them from the nearest one
-        that was found.
+    batch: so many that are alike are solved together, from the nearest one that was found.
     executor: of ``concurrent.futures``, or a Dask client's ``get_executor()``; it is left open. By
         default as many processes as there are cores, for which a script needs
         ``if __name__ == "__main__":``.
