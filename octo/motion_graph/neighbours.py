@@ -18,6 +18,7 @@ from octo.solve import solve
 
 Steps = NDArray[np.intp]
 SAME = 1e-9  # rms, of first guesses: the same problem
+TRIES = 3  # a try has a third of the iterations: from a neighbour anew is better than on
 SHARE = 4  # of which one is solved from its first guess
 Made = Sequence[tuple[Problem, Array]]
 
@@ -56,13 +57,18 @@ class Neighbours:
         first = np.argmax(self.apart <= SAME, axis=1)  # of those that are the same
         own = np.unique(first)
         begin = own[spread(self.apart[np.ix_(own, own)], math.ceil(len(own) / SHARE))]
-        self._solve(begin)
-        self._solve(np.setdiff1d(own, begin))
+        most = self.how.get("max_iterations")
+        few = {} if most is None else {"max_iterations": math.ceil(most / TRIES)}
+        self._solve(begin, **few)
+        self._solve(np.setdiff1d(own, begin), **few)
+        lost = np.setdiff1d(own, self.found)
         if self.found:
-            self._solve(np.setdiff1d(own, self.found))
+            self._solve(lost, **few)
+        elif few:  # there is nothing to start from but the first guess
+            self._solve(lost)
         return None if self.stopped() else [self.motions[int(k)] for k in first]
 
-    def _solve(self, members: Steps) -> None:
+    def _solve(self, members: Steps, **more: Any) -> None:
         """Some in one batch, each from the nearest that was found, if one was."""
         if not len(members) or self.stopped():
             return
@@ -71,7 +77,7 @@ class Neighbours:
             near = self.apart[members][:, self.found].argmin(axis=1)
             pairs = zip(members.tolist(), near.tolist(), strict=True)
             starts = [self._start(k, self.found[m]) for k, m in pairs]
-        solved = solve([self.made[k][0] for k in members], start=starts, **self.how)
+        solved = solve([self.made[k][0] for k in members], start=starts, **{**self.how, **more})
         for k, motion in zip(members.tolist(), solved, strict=True):
             self.motions[k] = motion
             self.iterations[k] += motion.iterations

@@ -26,7 +26,7 @@ from octo.solve import How
 MOTIONS = ("walk", "left", "right", "jump")
 BATCH = 64  # transitions
 EFFORT = (Effort(),)
-ITERATIONS = 100  # of a transition, from a neighbour again where that is not enough
+ITERATIONS = 300  # of a transition; most take a twentieth of it
 LONGEST_NAME = 40
 
 
