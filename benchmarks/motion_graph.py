@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 import octo
+from octo.checks import steps_in
 from octo.motion_graph import MotionGraph, build
 from octo.motion_graph.route import Route, waits
 
@@ -62,9 +63,7 @@ def followed(found: Sequence[Route]) -> dict[str, Any]:
         "seconds": [route.seconds for route in found],
         "pointwise_residual": max(motion.pointwise_residual for motion in motions),
         "torque": max(motion.torque_excess for motion in motions),
-        "largest_step": max(
-            float(np.abs(np.diff(motion.x[1:], axis=0)).max()) for motion in motions
-        ),
+        "largest_step": max(motion.largest_step["change"] for motion in motions),
         "wait_mean": float(late.mean()),
         "wait_quartiles": np.quantile(late, (0.0, 0.25, 0.5, 0.75, 1.0)).tolist(),
         "waits": late.tolist(),
@@ -91,7 +90,7 @@ def timed(graph: MotionGraph) -> list[dict[str, Any]]:
     settings = Settings(how={"device": "cpu"})
     one, other = (graph.motions[name] for name in MOTIONS[:2])
     crossing = crossing_of(one, other, graph.crossing, settings)
-    apart = round(settings.moments / one.dt)
+    apart = steps_in(settings.moments, one.dt)
     pairs = pairs_of(crossing, *MOTIONS[:2], apart, settings.share)
     batch = batches_of(crossing, pairs, settings.batch, settings.options)[TIMED]
     problems = [crossing.problem(p.at, p.to, crossing.placed(p.at, p.to)[1]) for p in batch.pairs]

@@ -44,8 +44,7 @@ def summary(found: dict[str, Any]) -> dict[str, Any]:
     """What the page shows of a graph."""
     names = ("pairs", "transitions", "build_seconds", "seconds", "iterations")
     way = {k: found["way"][k] for k in ("pointwise_residual", "wait_mean") if "way" in found}
-    kept = {name: found[name] for name in names if name in found}
-    return {**kept, **way, **found.get("replay", {}).get("stood", {})}
+    return {**{name: found[name] for name in names if name in found}, **way}
 
 
 def rows(records: dict[str, Any]) -> list[Row]:
@@ -53,10 +52,10 @@ def rows(records: dict[str, Any]) -> list[Row]:
     made = []
     for name, own in records.items():
         share = own["transitions"] / own["pairs"]
+        took = f" in {seconds(own['build_seconds'])}" if "build_seconds" in own else ""
         told = (
-            f"{own['transitions']:,} transitions of {own['pairs']:,} pairs ({100.0 * share:.1f} %) "
-            f"in {seconds(own['build_seconds'])}, {number(own['seconds'] / own['pairs'])} s of "
-            "processor time each"
+            f"{own['transitions']:,} transitions of {own['pairs']:,} pairs ({100.0 * share:.1f} %)"
+            f"{took}, {number(own['seconds'] / own['pairs'])} s of processor time each"
         )
         remark = f"{number(own['iterations'])} iterations each (median)"
         if "wait_mean" in own:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from octo.checks import Array
 from octo.problem.problem import Problem
@@ -95,7 +96,7 @@ class Neighbours:
 def apart(guesses: Array) -> Array:
     """(n, n) rms of the differences of guesses (n, …)."""
     flat = guesses.reshape(len(guesses), -1)
-    return np.array([np.sqrt(((flat - own) ** 2).mean(axis=1)) for own in flat])
+    return np.asarray(cdist(flat, flat) / math.sqrt(flat.shape[1]))
 
 
 def spread(apart: Array, count: int) -> Steps:
