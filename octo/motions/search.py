@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,8 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from octo.checks import Array
+from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.static_pose import inside_limits, over_the_feet
 from octo.errors import ProblemError, StaticPoseError
+from octo.model.feet import feet_of, touching
 from octo.motions.budget import Budget, Interrupted, going_on
 from octo.motions.journey import Journey
 from octo.motions.path import Path, blend, ground_law
@@ -160,25 +163,33 @@ def _pieces(journey: Journey, stride: Solution, budget: Budget) -> Pieces:
 
 def standing_as(journey: Journey, strides: Sequence[Solution]) -> Journey | None:
     """The journey of a robot that stands as the best of these strides does, with its length,
-    periods and terms.
+    periods and terms; as the best of those in whose mean pose it stands on its feet.
 
     None where the robot at rest stands about as high, where a pose was given, and where that
     journey has no stride.
     """
     if journey.pose is not None or not strides:
         return None
-    best = min(strides, key=_quality)
+    good = sorted(strides, key=_quality)
     normal = plane_normal(journey.whole.terrain, journey.whole.values)
     first = journey.robot.base_coordinate
-    away = best.x[1:, first : first + 3] - journey.whole.start[first : first + 3]
+    away = good[0].x[1:, first : first + 3] - journey.whole.start[first : first + 3]
     highest = RISES * journey.whole.length * float(np.linalg.norm(normal))
     if abs(float((away @ normal).mean())) <= highest:
         return None
-    other = replace(journey, pose=_mean_pose(journey, best))
-    try:
-        return other if other.counts() else None
-    except StaticPoseError:
-        return None
+    for stride in good:
+        other = replace(journey, pose=_mean_pose(journey, stride))
+        with contextlib.suppress(StaticPoseError):
+            if _feet(other) == _feet(journey):
+                return other if other.counts() else None
+    return None
+
+
+def _feet(journey: Journey) -> set[int]:
+    """The bodies that the robot stands on."""
+    robot, whole = journey.robot, journey.whole
+    assert isinstance(whole.dynamics, RobotDynamics)
+    return set(feet_of(robot, touching(robot, whole.dynamics.terrain, whole.start)))
 
 
 def _mean_pose(journey: Journey, stride: Solution) -> Array:
