@@ -197,6 +197,13 @@ def test_the_pose_at_rest_stays_where_the_other_one_has_no_time_or_was_not_asked
     assert short.counts() and standing_as(short, [strides]) is None
     assert standing_as(replace(journey, pose=journey.whole.start), [strides]) is None
     assert standing_as(journey, []) is None
+    # one whose mean pose stands on other feet is not what it rests in
+    robot, x = journey.robot, strides.x.copy()
+    names = [joint.name for joint in robot.joints]
+    x[:, [names.index(f"front_{side}_thigh_pitch") for side in ("left", "right")]] -= 1.0
+    lifted = replace(strides, x=x)
+    poses = [standing_as(journey, own).whole.start for own in ([lifted, strides], [strides])]
+    assert np.array_equal(*poses) and standing_as(journey, [lifted]) is None
 
 
 def test_what_cannot_stride_is_one_problem_and_a_line_that_says_so(caplog):

@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from octo.checks import Array
-from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.static_pose import inside_limits, over_the_feet
 from octo.errors import ProblemError, StaticPoseError
 from octo.model.feet import feet_of, touching
+from octo.model.terrain import Plane
 from octo.motions.budget import Budget, Interrupted, going_on
 from octo.motions.journey import Journey
 from octo.motions.path import Path, blend, ground_law
@@ -180,16 +180,16 @@ def standing_as(journey: Journey, strides: Sequence[Solution]) -> Journey | None
     for stride in good:
         other = replace(journey, pose=_mean_pose(journey, stride))
         with contextlib.suppress(StaticPoseError):
-            if _feet(other) == _feet(journey):
+            if _on_its_feet(other, journey):
                 return other if other.counts() else None
     return None
 
 
-def _feet(journey: Journey) -> set[int]:
-    """The bodies that the robot stands on."""
-    robot, whole = journey.robot, journey.whole
-    assert isinstance(whole.dynamics, RobotDynamics)
-    return set(feet_of(robot, touching(robot, whole.dynamics.terrain, whole.start)))
+def _on_its_feet(other: Journey, journey: Journey) -> bool:
+    """Whether the robot stands on the feet of that journey, and on nothing else of them."""
+    robot, terrain = journey.robot, journey.terrain or Plane()
+    own, before = (touching(robot, terrain, one.whole.start) for one in (other, journey))
+    return set(own) <= set(before) and set(feet_of(robot, own)) == set(feet_of(robot, before))
 
 
 def _mean_pose(journey: Journey, stride: Solution) -> Array:
