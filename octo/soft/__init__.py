@@ -1,0 +1,9 @@
+"""Soft bodies: of any tetrahedral mesh a few modes, a surface and an exact inertia."""
+
+from octo.soft.body import Body
+from octo.soft.gallery import ball, beam
+from octo.soft.model import Model
+from octo.soft.shapes import ball_mesh, beam_mesh
+from octo.soft.tetrahedra import Tetrahedra
+
+__all__ = ["Body", "Model", "Tetrahedra", "ball", "ball_mesh", "beam", "beam_mesh"]
