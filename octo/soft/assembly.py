@@ -1,8 +1,8 @@
 """Mass and stiffness of tetrahedra, by scikit-fem.
 
-Elements are quadratic: those of four nodes bend far too stiffly (a clamped beam with two of them
-across sags by half of what it should), and quadratic ones have the sag to 1 % with one across. They
-follow curved surfaces too, as a ball's.
+Elements are quadratic: those of four nodes bend far too stiffly. A clamped beam, 20 times as long
+as high, in 30 × 2 × 2 blocks sags by 45 % of what beam theory says with those, and by 99.4 % with
+quadratic ones, which follow curved surfaces too, as a ball's.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from octo.soft.material import Material
 from octo.soft.tetrahedra import Tetrahedra
 from octo.world.spline import Indices
 
-# Products of two shape functions have degree 4, and the determinant of a curved element degree 3:
-# its mass is exact. The stiffness of a straight one, of degree 2, is exact too.
-MASS_ORDER, STIFFNESS_ORDER = 7, 4
+# Products of two shape functions have degree 4, and the determinant of a curved element has 3: its
+# mass is exact. Of scikit-fem 12 the points of order 8 are the first that integrate degree 7: from
+# order 5 on they hold one degree less than they say. A straight one's stiffness has degree 2.
+MASS_ORDER, STIFFNESS_ORDER = 8, 4
 
 
 def library(name: str, what: str) -> Any:

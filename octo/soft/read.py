@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from octo.checks import Array, positive
-from octo.errors import MissingExtraError, ModelError, RobotFileError
+from octo.errors import MissingExtraError, ModelError, RobotFileError, UsageError
 from octo.files import is_file, reason
 from octo.soft.assembly import library
 from octo.soft.tetrahedra import SIZES, Tetrahedra
@@ -25,6 +25,8 @@ from octo.world.units import check_size
 SURFACES = (".stl", ".obj", ".ply", ".glb", ".gltf", ".off")  # read by trimesh
 SOLIDS = (".msh", ".vtk", ".vtu", ".mesh", ".bdf", ".nas", ".inp", ".med", ".xdmf")  # by meshio
 ENDINGS = (*SOLIDS, *SURFACES)
+# which of meshio's readers, in this order, where an ending is of several
+KINDS: dict[str, tuple[str | None, ...]] = {".msh": ("gmsh", "ansys")}
 ALONG = 8  # elements along the longest edge of a surface that is filled, where none is asked for
 QUALITY = 1.5  # most radius of an element's sphere to its shortest edge
 
@@ -53,7 +55,7 @@ def tetrahedra_of(
         flat = [np.asarray(block) for kind, block in cells if kind == "triangle"]
         if whole:
             if edge is not None:
-                raise ModelError(f"edge is given, but {path.name} has tetrahedra already")
+                raise UsageError(f"edge is given, but {path.name} has tetrahedra already")
             if len({block.shape[1] for block in whole}) > 1:
                 whole = [block[:, :4] for block in whole]
             return Tetrahedra(points, np.concatenate(whole), scale, name)
@@ -121,16 +123,21 @@ def _check_one(label: str, faces: Indices) -> None:
 def _of_meshio(path: Path) -> tuple[Array, list[tuple[str, Any]]]:
     """Points (n, 3) and (kind, numbers) of each block of cells."""
     meshio = library("meshio", f"the mesh file {str(path)!r}")
-    heard = io.StringIO()
-    try:  # it prints, and ends the process, where it cannot read
-        with contextlib.redirect_stdout(heard), contextlib.redirect_stderr(heard):
-            mesh = meshio.read(path)
-        points = np.array(mesh.points, dtype=float)
-    except OSError as error:
-        raise RobotFileError(f"mesh file {str(path)!r} cannot be read: {reason(error)}") from error
-    except (Exception, SystemExit) as error:  # each of its readers raises its own kinds
-        why = heard.getvalue().strip() or f"{type(error).__name__}: {error}"
-        raise RobotFileError(f"mesh file {str(path)!r} is no mesh: {why}") from error
+    heard, mesh, why = io.StringIO(), None, ""
+    for kind in KINDS.get(path.suffix.lower(), (None,)):
+        try:  # it prints, and ends the process, where it cannot read
+            with contextlib.redirect_stdout(heard), contextlib.redirect_stderr(heard):
+                mesh = meshio.read(path, kind)
+            break
+        except OSError as error:
+            raise RobotFileError(
+                f"mesh file {str(path)!r} cannot be read: {reason(error)}"
+            ) from error
+        except (Exception, SystemExit) as error:  # each of its readers raises its own kinds
+            why = why or heard.getvalue().strip() or f"{type(error).__name__}: {error}"
+    if mesh is None:
+        raise RobotFileError(f"mesh file {str(path)!r} is no mesh: {why}")
+    points = np.array(mesh.points, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3:
         raise RobotFileError(f"mesh file {str(path)!r} is not of three dimensions")
     return points, [(block.type, block.data) for block in mesh.cells]
