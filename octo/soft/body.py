@@ -2,35 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
-import os
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo import cache
 from octo.checks import Array, numbers, whole
-from octo.errors import ProblemError, ShapeError, UsageError, ValueRangeError, said
+from octo.errors import ProblemError, ShapeError, ValueRangeError, said
+from octo.soft.build import kept, solid_of
 from octo.soft.material import Material
-from octo.soft.model import Model
-from octo.soft.read import tetrahedra_of
-from octo.soft.tetrahedra import Tetrahedra
 from octo.world.shape import fixed
 from octo.world.spline import Indices
 
 LOG = logging.getLogger("octo")
-VERSION = 1  # of how bodies are made: what was kept by another one is made anew
 MODES = 10
 YOUNG, POISSON, DENSITY = 1e5, 0.4, 500.0  # Pa, -, kg/m³: soft rubber foam
 DAMPING = 0.0, 0.002  # 1/s and s: 5 % of the critical one at 8 Hz
 STEP, STEPS = 0.025, 4  # s, of a plan; the fewest of them that show a swing
 FAR = 0.05  # of its size: where linear elasticity ends
 MOST = 500  # modes
-SLOW = 8000  # elements; 16,800 of a beam take 200 s
 PULL = 9.81  # m/s²
 
 
@@ -127,23 +119,18 @@ class Body:
             installed.
         """
         material = Material(young, poisson, density)
-        rayleigh = _damping(damping)
-        whole("modes", modes, 1, MOST)
-        solid = _solid(mesh, scale, edge, name)
-        made = _reduced(solid, material, modes)
+        rayleigh, count = _damping(damping), whole("modes", modes, 1, MOST)
+        solid = solid_of(mesh, scale, edge, name)
+        made: dict[str, Any] = kept(solid, material, count)
         body = cls(
-            name=solid.name,
-            points=made["points"],
+            solid.name,
             faces=solid.surface[1],
-            modes=made["modes"],
-            inertia=made["inertia"],
-            stiffness=np.diag(made["values"]),
+            stiffness=np.diag(made.pop("values")),
             damping=rayleigh,
-            young=material.young,
-            poisson=material.poisson,
-            density=material.density,
             elements=len(solid.cells),
             nodes=len(solid.nodes),
+            **made,
+            **asdict(material),
         )
         for line in body.cautions:
             LOG.warning("%s", line)
@@ -217,70 +204,3 @@ def _damping(value: ArrayLike) -> tuple[float, float]:
             "and s of the stiffness"
         )
     return alpha, beta
-
-
-def _solid(mesh: Any, scale: float | None, edge: float | None, name: str | None) -> Tetrahedra:
-    """What was given as tetrahedra."""
-    if isinstance(mesh, Tetrahedra):
-        if scale is not None or edge is not None:
-            raise UsageError("scale and edge are of a file: a Tetrahedra has its own")
-        if name is None:
-            return mesh
-        return Tetrahedra(mesh.nodes, mesh.cells, name=name)
-    unit = 1.0 if scale is None else scale
-    if isinstance(mesh, (str, os.PathLike)):
-        return tetrahedra_of(Path(mesh), unit, edge, name)
-    if not isinstance(mesh, (tuple, list)) or len(mesh) != 2:
-        raise ProblemError(
-            f"mesh is {said(mesh)}, must be a file's path, (points, tetrahedra) or a Tetrahedra"
-        )
-    if edge is not None:
-        raise UsageError("edge is of a surface in a file: tetrahedra have their own")
-    return Tetrahedra(mesh[0], mesh[1], unit, "mesh" if name is None else name)
-
-
-def _reduced(solid: Tetrahedra, material: Material, count: int) -> dict[str, Array]:
-    """Points, modes, inertia and eigenvalues, from octo's cache where they were made before."""
-    said = repr((VERSION, material, count, solid.nodes.shape, solid.cells.shape)).encode()
-    parts = [np.ascontiguousarray(array).tobytes() for array in (solid.nodes, solid.cells)]
-    key = hashlib.sha256(b"\0".join([said, *parts])).hexdigest()[:24]
-
-    def make(path: Path) -> None:
-        if len(solid.cells) > SLOW:
-            LOG.warning(
-                "%s has %d elements: its modes take minutes, once; %d show as much as a rule",
-                *(solid.label, len(solid.cells), SLOW // 4),
-            )
-        model = Model(solid, material.young, material.poisson, material.density)
-        kept: dict[str, Any] = reduced(model, count)
-        np.savez(path, **kept)
-
-    with np.load(cache.path_of(f"soft-{key}.npz", make)) as held:
-        return dict(held)
-
-
-def reduced(model: Model, count: int) -> dict[str, Array]:
-    """What of a full model a body keeps.
-
-    Parameters
-    ----------
-    model: a ``Model``.
-    count: how many modes.
-
-    Returns
-    -------
-    points (P, 3) m from the centre of mass, modes (P, count, 3) kg^-½, inertia (3·count + 4, same)
-    and values (count,) rad²/s².
-    """
-    values, shapes = model.modes(count)
-    place = model.nodes - model.center
-    spread = [place, shapes.reshape(len(place), -1), np.ones((len(place), 1))]
-    every = np.concatenate(spread, axis=1)  # (n, 3r + 4), Y at the nodes
-    inertia = every.T @ (model.node_mass @ every)
-    used = model.mesh.surface[0]
-    return {
-        "points": place[used],
-        "modes": shapes[used],
-        "inertia": 0.5 * (inertia + inertia.T),
-        "values": values,
-    }

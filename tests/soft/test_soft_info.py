@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -67,3 +69,18 @@ def test_what_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> 
 def test_a_stiff_body_is_warned_of(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", "beam:young=1e8"]) == 0
     assert "beam is stiff: its lowest mode has" in capsys.readouterr().err
+
+
+def test_the_examples_of_the_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = Path(__file__).parents[2] / "docs" / "soft.md"
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
+    mesh = soft.beam_mesh(0.2, 0.1, 0.05, (3, 2, 1))
+    meshio.Mesh(1000.0 * mesh.nodes, [("tetra10", mesh.cells)]).write(
+        tmp_path / "foot.msh", file_format="gmsh"
+    )
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    for block in blocks:
+        exec(block, names)
+    assert names["bent"].shape == names["octo"].soft.beam().points.shape
+    assert names["foot"].size == pytest.approx([0.2, 0.1, 0.05]) and names["tip"] < 0.0

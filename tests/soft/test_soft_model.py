@@ -12,7 +12,7 @@ from scipy.special import spherical_jn
 from octo import soft
 from octo.errors import ProblemError, ShapeError, ValueRangeError
 from octo.soft import modes
-from octo.soft.body import reduced
+from octo.soft.build import reduced
 from octo.soft.quadratic import EDGES, derivatives
 
 pytest.importorskip("skfem")
