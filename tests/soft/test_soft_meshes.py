@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import subprocess
 import sys
@@ -168,6 +169,29 @@ def test_edges_that_bend_too_far_are_inverted() -> None:
     nodes[mesh.cells[0, 5]] -= 3.0 * (nodes[mesh.cells[0, 3]] - nodes[mesh.cells[0, 0]])
     with pytest.raises(ModelError, match="elements are inverted where their edges bend"):
         soft.Tetrahedra(nodes, mesh.cells)
+
+
+def test_elements_of_ten_nodes_that_are_not_joined() -> None:
+    """A node of an edge that two elements share, doubled and moved for one of them; and two edges
+    with one node."""
+    mesh = soft.ball_mesh(0.2, 1)
+    cells = mesh.cells.copy()
+    edge = cells[0, 4]
+    nodes = np.concatenate([mesh.nodes, mesh.nodes[edge : edge + 1] + 0.01])
+    cells[0, 4] = len(mesh.nodes)
+    with pytest.raises(ModelError, match="one node of its own; element [1-7] has another than its"):
+        soft.Tetrahedra(nodes, cells)
+    cells[cells == edge] = cells[0, 5]
+    cells[0, 4] = cells[0, 5]
+    with pytest.raises(ModelError, match="each edge of its elements must have one node of its own"):
+        soft.Tetrahedra(mesh.nodes, cells)
+
+
+def test_a_mesh_is_in_metres_once_it_is_made() -> None:
+    mesh = soft.ball_mesh(0.2, 1)
+    made = soft.Tetrahedra(1000.0 * mesh.nodes, mesh.cells, scale=0.001)
+    again = dataclasses.replace(made, name="again")
+    np.testing.assert_allclose(again.nodes, mesh.nodes, atol=1e-15)
 
 
 def test_points_of_no_element_and_points_at_one_place() -> None:
