@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 import types
+from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -25,11 +26,13 @@ import octo
 from octo.cli import run
 from octo.cli.main import main
 from octo.cli.output import RESCUED, OutputFolder, default_folder
+from octo.dynamics import content
 from octo.errors import OutputError
 from octo.files import SCRATCH, file_name, replacing
 from octo.interrupts import like_ctrl_c, postponed
+from octo.problem import structure
 from octo.problem.compiled import CompiledProblem
-from octo.problem.structure import functions_of
+from octo.problem.structure import program_of
 from octo.reference.program import nlp
 from octo.result.solution import Solution
 
@@ -437,7 +440,7 @@ def test_casadi_takes_ctrl_c_for_an_answer(monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize(
     "build",
     [
-        lambda problem: functions_of(problem),
+        lambda problem: program_of(problem),
         lambda problem: problem.dynamics.lanes_text(),
         lambda problem: nlp(problem),
         lambda problem: CompiledProblem([problem]).kinematics,
@@ -447,6 +450,8 @@ def test_casadi_takes_ctrl_c_for_an_answer(monkeypatch: pytest.MonkeyPatch) -> N
 def test_ctrl_c_is_not_lost_while_symbols_are_built(
     monkeypatch: pytest.MonkeyPatch, build: Callable[[octo.Problem], object]
 ) -> None:
+    monkeypatch.setattr(content, "_texts", OrderedDict())
+    monkeypatch.setattr(structure, "_programs", OrderedDict())
     robot = octo.gallery.biped()
     terms = [octo.CenterOfMassVelocity((0.4, 0.0, 0.0)), octo.Effort(), octo.Slip(name="a foot")]
     problem = octo.Problem(robot, steps=12, dt=0.03, x0=robot.default_pose, costs=terms)
