@@ -12,7 +12,6 @@ import sys
 import threading
 import time
 import types
-from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -21,16 +20,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from forgotten import forgotten
 
 import octo
 from octo.cli import run
 from octo.cli.main import main
 from octo.cli.output import RESCUED, OutputFolder, default_folder
-from octo.dynamics import content
 from octo.errors import OutputError
 from octo.files import SCRATCH, file_name, replacing
 from octo.interrupts import like_ctrl_c, postponed
-from octo.problem import structure
 from octo.problem.compiled import CompiledProblem
 from octo.problem.structure import program_of
 from octo.reference.program import nlp
@@ -450,8 +448,7 @@ def test_casadi_takes_ctrl_c_for_an_answer(monkeypatch: pytest.MonkeyPatch) -> N
 def test_ctrl_c_is_not_lost_while_symbols_are_built(
     monkeypatch: pytest.MonkeyPatch, build: Callable[[octo.Problem], object]
 ) -> None:
-    monkeypatch.setattr(content, "_texts", OrderedDict())
-    monkeypatch.setattr(structure, "_programs", OrderedDict())
+    forgotten(monkeypatch)
     robot = octo.gallery.biped()
     terms = [octo.CenterOfMassVelocity((0.4, 0.0, 0.0)), octo.Effort(), octo.Slip(name="a foot")]
     problem = octo.Problem(robot, steps=12, dt=0.03, x0=robot.default_pose, costs=terms)
