@@ -89,6 +89,7 @@ _MODULES = {
     "plant": "octo.plant",
     "reference": "octo.reference",
     "shapes": "octo.world.shapes",
+    "soft": "octo.soft",
     "worlds": "octo.worlds",
 }
 
@@ -102,6 +103,7 @@ if TYPE_CHECKING:
     from octo import mpc as mpc
     from octo import plant as plant
     from octo import reference as reference
+    from octo import soft as soft
     from octo import worlds as worlds
     from octo.costs import ArrayCost as ArrayCost
     from octo.costs import At as At

@@ -1,0 +1,216 @@
+"""The dynamics of a reduced deformable body on the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from octo.checks import Array
+from octo.dynamics.evaluate import Dynamics, check_surroundings
+from octo.dynamics.laws import ContactLaw, Smooth
+from octo.dynamics.parameters import Layout
+from octo.errors import ModelError, ProblemError, said
+from octo.model.chart import Chart
+from octo.model.quantities import GRAVITY
+from octo.model.terrain import Ground, Plane, World, own_parameters
+from octo.soft import inertia, stages
+from octo.soft.body import Body
+from octo.soft.contact import Contacts, Surface
+from octo.soft.moments import Moments
+from octo.soft.nodes import Nodes, Turns
+from octo.soft.symbolic import forward_dynamics
+
+MOST_WRITTEN = 40  # vertices in one expression
+CHARTS = ("zyx", "zxy")
+
+
+class SoftDynamics(Dynamics):
+    """A body that bends by its modes, with all its surface vertices in contact with the ground.
+
+    Coordinates: x, y, z of the body's frame (m), three angles of the chart (rad), outermost first,
+    then z_1 … z_r of the modes (kg^½ m). The modes are actuated, the frame is not.
+
+    Parameters
+    ----------
+    body: what deforms.
+    law: the contact law; octo.laws.Smooth by default.
+    terrain: an octo.Plane (the default) or an octo.Terrain.
+    actuated: which modes have motors, counted from 0; all by default.
+    chart: "zyx" or "zxy".
+
+    Raises
+    ------
+    ProblemError: naming the argument and what is allowed.
+    """
+
+    curvature_blocks = 5
+    generated = Dynamics.generated | {"symbolic", "_stages"}
+
+    def __init__(
+        self,
+        body: Body,
+        law: ContactLaw | None = None,
+        terrain: Ground | None = None,
+        *,
+        actuated: Sequence[int] | None = None,
+        chart: Chart = "zyx",
+    ):
+        check_surroundings(terrain, law)
+        if not isinstance(body, Body):
+            raise ProblemError(f"body is {said(body)}, must be an octo.soft.Body")
+        if isinstance(terrain, World):
+            raise ProblemError(
+                "terrain is an octo.World, must be an octo.Plane or an octo.Terrain: a soft body "
+                "does not look up worlds"
+            )
+        if chart not in CHARTS:
+            raise ProblemError(f"chart is {said(chart)}, must be zyx or zxy")
+        self.body, self.chart = body, chart
+        self.law: ContactLaw = Smooth() if law is None else law
+        self.terrain: Ground = Plane() if terrain is None else terrain
+        self.moments = Moments.of(body)
+        count = body.modes.shape[1]
+        self.nx = 6 + count
+        self.layout = Layout.of(_parameters(body, self.law, self.terrain))
+        driven = list(range(count)) if actuated is None else [int(k) for k in actuated]
+        if not set(driven) <= set(range(count)) or len(set(driven)) != len(driven):
+            raise ProblemError(f"actuated is {driven}, must be different modes of 0…{count - 1}")
+        self.actuated = np.array(driven, dtype=np.intp) + 6
+        self.unactuated = np.setdiff1d(np.arange(self.nx), self.actuated).astype(np.intp)
+
+    @cached_property
+    def symbolic(self) -> ca.Function:
+        """FD(x_next, x, x_prev, p), of a body with few vertices: what other solvers are given.
+
+        Raises
+        ------
+        ModelError: the body has more than MOST_WRITTEN vertices.
+        """
+        count = len(self.body.points)
+        if count > MOST_WRITTEN:
+            raise ModelError(
+                f"{self.body.name}: {count} vertices, at most {MOST_WRITTEN} in one expression for "
+                "another solver: solve with octo.solve"
+            )
+        return forward_dynamics(self.body, self.law, self.terrain, self.layout, self.chart)
+
+    @cached_property
+    def _stages(self) -> tuple[ca.Function, ca.Function, Surface]:
+        surface = Surface.of(self.body, self.law, self.terrain, self.layout)
+        return stages.turn(self.chart), stages.bend(self.chart), surface
+
+    def _interpret(
+        self,
+        nodes: Array,
+        p: Array,
+        lam: Array | None,
+        fd: Array,
+        jac: Array | None,
+        hess: Array | None,
+    ) -> None:
+        for k in range(len(nodes)):
+            bending = None if hess is None or lam is None else lam[k]
+            step = _Steps(self, nodes[k], p[k], 0 if jac is None else 1, bending)
+            fd[k] = step.value()
+            if jac is not None:
+                jac[k] = step.jacobian()
+            if hess is not None:
+                hess[k] = step.curvature()
+
+
+class _Steps:
+    """All steps of one trajectory (N+2, n), in NumPy: FD and its derivatives."""
+
+    def __init__(
+        self, dynamics: SoftDynamics, x: Array, p: Array, order: int, lam: Array | None
+    ):
+        turn, bend, surface = dynamics._stages
+        self.body, self.moments = dynamics.body, dynamics.moments
+        self.own = dynamics.layout.named(p)
+        self.dt, self.x, self.lam = self.own["dt"], x, lam
+        made = Nodes.of(self.moments, turn, x)
+        self.window = made[2:], made[1:-1], made[:-2]
+        g = np.array([self.own[f"gravity_{axis}"] for axis in "xyz"])
+        self.forces = inertia.forces(self.moments, self.window, self.dt, g)
+        self.along: Turns | None = None
+        if lam is not None:
+            self.along = Turns.of(bend, x[2:, 3:6], lam[:, 3:6])
+        given = (surface, self.window[:2], p, order + (lam is not None))
+        self.contacts = Contacts(*given, self.along, lam)
+        self.contacts.add_to(self.forces)
+
+    def value(self) -> Array:
+        """FD (N, n)."""
+        rows = self.forces.rows(self.window[0])
+        stiffness, damping = self._elastic()
+        z_next, z = self.x[2:, 6:], self.x[1:-1, 6:]
+        rows[:, 6:] += z_next @ stiffness.T + (z_next - z) @ damping.T
+        return rows
+
+    def _elastic(self) -> tuple[Array, Array]:
+        """The stiffness, and Rayleigh's damping over dt, (r, r) each."""
+        stiffness = self.own["elastic.stiffness"] * self.body.stiffness
+        damping = self.own["elastic.alpha"] * self.moments.modal
+        return stiffness, (damping + self.own["elastic.beta"] * stiffness) / self.dt
+
+    def jacobian(self) -> Array:
+        """(N, n, 3n)."""
+        next_ = self.window[0]
+        blocks = []
+        for factor, node in zip(inertia.SECOND, self.window, strict=True):
+            given = (self.moments, next_.turns, next_.weights, next_.turns.value, node)
+            own = inertia.coupled(*given)
+            own[:, :3] = inertia.moved(self.moments, node)
+            blocks.append(factor / self.dt**2 * own)
+        blocks[0] += next_.bent(self.forces.blocks)
+        stiffness, damping = self._elastic()
+        blocks[0][:, 6:, 6:] += stiffness + damping
+        blocks[1][:, 6:, 6:] -= damping
+        for block, own in zip(blocks, self.contacts.jacobian(), strict=False):
+            block += own
+        return np.concatenate(blocks, axis=2)
+
+    def curvature(self) -> Array:
+        """(N, 3n, 3n)."""
+        next_, now, old = self.window
+        lam, along = self.lam, self.along
+        assert lam is not None and along is not None
+        rate, n = 1.0 / self.dt**2, self.x.shape[1]
+        pull = rate * inertia.pulled(self.moments, next_, along, lam)
+        modal = np.concatenate([np.zeros((len(lam), 1)), lam[:, 6:]], axis=1)
+        zero = np.zeros_like(next_.turns.value)
+        mixed = []
+        for factor, node in zip(inertia.SECOND, self.window, strict=True):
+            own = inertia.coupled(self.moments, along, next_.weights, along.value, node)
+            own += inertia.coupled(self.moments, next_.turns, modal, zero, node)
+            mixed.append(rate * factor * own)
+        at_next, at_now = self.contacts.pulls()
+        touch = self.contacts.curvature()
+        made = np.zeros((len(lam), 3, n, 3, n))
+        made[:, 0, :, 0] = mixed[0] + mixed[0].swapaxes(1, 2) + touch[0]
+        made[:, 0, :, 0] += next_.bent(pull + at_next)
+        made[:, 0, :, 0] += inertia.curved(next_, along, lam, self.forces.blocks)
+        made[:, 0, :, 1], made[:, 0, :, 2] = mixed[1] + touch[1], mixed[2]
+        made[:, 1, :, 0], made[:, 2, :, 0] = (made[:, 0, :, k].swapaxes(1, 2) for k in (1, 2))
+        made[:, 1, :, 1] = now.bent(-2.0 * pull + at_now) + touch[2]
+        made[:, 2, :, 2] = old.bent(pull)
+        return made.reshape(len(lam), 3 * n, 3 * n)
+
+
+def _parameters(body: Body, law: ContactLaw, terrain: Ground) -> dict[str, float]:
+    """Run-time parameters by name, with their defaults."""
+    values: dict[str, Any] = {
+        "dt": 0.025,  # s
+        "gravity_x": 0.0,  # m/s²
+        "gravity_y": 0.0,
+        "gravity_z": -GRAVITY,
+        "elastic.stiffness": 1.0,  # a factor of the body's own
+        "elastic.alpha": body.damping[0],  # 1/s
+        "elastic.beta": body.damping[1],  # s
+    }
+    values |= {f"contact.{name}": value for name, value in law.parameters.items()}
+    return values | {f"terrain.{name}": v for name, v in own_parameters(terrain).items()}
