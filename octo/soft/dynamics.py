@@ -17,7 +17,7 @@ from octo.errors import ModelError, ProblemError, said
 from octo.model.chart import Chart
 from octo.model.quantities import GRAVITY
 from octo.model.terrain import Ground, Plane, World, own_parameters
-from octo.soft import inertia, stages
+from octo.soft import codegen, inertia, stages
 from octo.soft.body import Body
 from octo.soft.contact import Contacts, Surface
 from octo.soft.moments import Moments
@@ -47,7 +47,7 @@ class SoftDynamics(Dynamics):
     ProblemError: naming the argument and what is allowed.
     """
 
-    curvature_blocks = 5
+    curvature_blocks = codegen.CURVATURE
     generated = Dynamics.generated | {"symbolic", "_stages"}
 
     def __init__(
@@ -97,6 +97,10 @@ class SoftDynamics(Dynamics):
                 "another solver: solve with octo.solve"
             )
         return forward_dynamics(self.body, self.law, self.terrain, self.layout, self.chart)
+
+    def _written(self, lanes: bool) -> str:
+        given = (self.body, self.law, self.terrain, self.layout, self.chart)
+        return codegen.body_text(*given, lanes)
 
     @cached_property
     def _stages(self) -> tuple[ca.Function, ca.Function, Surface]:

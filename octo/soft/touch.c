@@ -1,0 +1,146 @@
+/* Contacts of a deforming surface, after step.c: a walk over the spheres that bend with it (near.py), and of every vertex that
+ * is near the ground what octo_point0…2 say. */
+
+/* y = Σ_k w_k φ_k of a vertex or of a sphere's centre, and its place. */
+static inline void octo_shaped(const real *weights, const double *shapes, real *y) {
+  for (int j = 0; j < 3; ++j) y[j] = ZERO;
+  for (int k = 0; k < NSHAPE; ++k)
+    for (int j = 0; j < 3; ++j) y[j] += weights[k] * shapes[3 * k + j];
+}
+static inline void octo_placed(const real *x, const real *kin, const real *y, real *place) {
+  for (int i = 0; i < 3; ++i) place[i] = x[i] + ROW(kin, i, y);
+}
+
+/* In which lanes something of an entry may be in reach; a NaN is. y and place: of its centre. */
+static inline octo_mask octo_near(const octo_input *in, const octo_work *s, int e, real *y, real *place) {
+  const double *entry = octo_entry + (size_t)ENTRY * e, none[1] = {0.0};
+  real gap, *res[1] = {&gap};
+  octo_shaped(s->weights[0], entry, y);
+  octo_placed(in->x[0], in->kin[0], y, place);
+  const ARGUMENT *arg[3] = {place, none, in->p};
+  STAGE(octo_gap, arg, res);
+  if (octo_member[e] >= 0) return NOT(gap <= 0.0);
+  real radius = ZERO + entry[FLAT];
+  for (int k = 0; k < NMODE; ++k) radius += ABS(in->x[0][6 + k]) * entry[FLAT + 1 + k];
+  return NOT(gap + octo_steepest[0] * radius <= 0.0);
+}
+
+/* ∂P/∂x (3, NX) of a vertex by R and its slopes, or of R_λ. */
+static inline void octo_slopes(const real *turns, const real *y, const double *shapes, real (*J)[NX]) {
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) J[i][j] = ZERO + (i == j ? 1.0 : 0.0);
+    for (int a = 0; a < 3; ++a) J[i][3 + a] = ROW(SLOPE(turns, a), i, y);
+    for (int k = 0; k < NMODE; ++k) J[i][6 + k] = ROW(turns, i, shapes + 3 * (1 + k));
+  }
+}
+
+/* A (3, 3), rows ``wide`` apart, times J. */
+static inline void octo_times(const real *A, int wide, const real (*J)[NX], real (*out)[NX]) {
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < NX; ++j) out[i][j] = A[wide * i] * J[0][j] + A[wide * i + 1] * J[1][j] + A[wide * i + 2] * J[2][j];
+}
+
+/* out += sign·Jᵀ X, whose first three columns are the identity; columns from the diagonal on, or all. */
+static inline void octo_add_left(const real (*J)[NX], const real (*X)[NX], double sign, int half, real *out, int stride) {
+  for (int i = 0; i < NX; ++i)
+    for (int j = half ? i : 0; j < NX; ++j)
+      out[i * stride + j] += sign * (i < 3 ? X[i][j] : J[0][i] * X[0][j] + J[1][i] * X[1][j] + J[2][i] * X[2][j]);
+}
+
+/* δ = J λ and ∂δ/∂x_next. */
+static inline void octo_displaced(const octo_input *in, octo_work *s, const real *y, const double *shapes) {
+  const real *kin = in->kin[0];
+  real bent[3];
+  octo_shaped(s->modal, shapes, bent);
+  octo_slopes(s->along, y, shapes, s->turned);
+  for (int i = 0; i < 3; ++i) {
+    s->delta[i] = in->lam[i] + ROW(s->along, i, y) + ROW(kin, i, bent);
+    for (int a = 0; a < 3; ++a) s->turned[i][3 + a] += ROW(SLOPE(kin, a), i, bent);
+    for (int j = 0; j < 3; ++j) s->turned[i][j] = ZERO;
+  }
+}
+
+static inline void octo_add_outer(const real *force, const double *shapes, real (*F)[9]) { /* F −= force φᵀ */
+  for (int k = 0; k < NSHAPE; ++k)
+    for (int e = 0; e < 9; ++e) F[k][e] -= force[e / 3] * shapes[3 * k + e % 3];
+}
+
+/* What a contact adds to H beside the forces' and the pulls' share; h (6, 6). */
+static void octo_touch_curvature(octo_work *s, const real *slopes, const real *h, real *hess) {
+  for (int node = 0; node < 2; ++node) {
+    real pull[3];
+    for (int j = 0; j < 3; ++j) {
+      pull[j] = ZERO;
+      for (int i = 0; i < 3; ++i) pull[j] += slopes[9 * node + 3 * i + j] * s->delta[i];
+    }
+    octo_add_outer(pull, octo_entry + (size_t)s->entry * ENTRY, s->pull[node]);
+  }
+  octo_times(h, 6, s->J[0], s->left);
+  octo_add_left(s->J[0], s->left, 1.0, 1, hess, NX);
+  for (int i = 3; i < NX; ++i)
+    for (int j = i; j < NX; ++j)
+      for (int c = 0; c < 3; ++c) hess[i * NX + j] -= s->turned[c][i] * s->by_place[c][j] + s->by_place[c][i] * s->turned[c][j];
+  for (int i = 0; i < 3; ++i) /* turned is zero there */
+    for (int j = 3; j < NX; ++j)
+      for (int c = 0; c < 3; ++c) hess[i * NX + j] -= s->by_place[c][i] * s->turned[c][j];
+  octo_times(h + 3, 6, s->J[1], s->left);
+  octo_add_left(s->J[0], s->left, 1.0, 0, hess + NX * NX, NX);
+  for (int i = 3; i < NX; ++i)
+    for (int j = 0; j < NX; ++j)
+      for (int c = 0; c < 3; ++c) hess[NX * NX + i * NX + j] -= s->turned[c][i] * s->by_before[c][j];
+  octo_times(h + 21, 6, s->J[1], s->left);
+  octo_add_left(s->J[1], s->left, 1.0, 1, hess + 3 * NX * NX, NX);
+}
+
+/* One vertex that is near, in the lanes of ``active``; y and place at the next node. */
+static void octo_touch(const octo_input *in, octo_work *s, octo_mask active, const real *y, const real *place, real *jac, real *hess) {
+  const double *shapes = octo_entry + (size_t)s->entry * ENTRY;
+  real before[3], y_now[3], force[3], slopes[18], h[36], *res[4] = {force, slopes, slopes + 9, h};
+  octo_shaped(s->weights[1], shapes, y_now);
+  octo_placed(in->x[1], in->kin[1], y_now, before);
+  if (in->order == 2) octo_displaced(in, s, y, shapes);
+  const ARGUMENT *arg[4] = {place, before, in->p, s->delta};
+  if (in->order == 0) STAGE(octo_point0, arg, res);
+  else if (in->order == 1) STAGE(octo_point1, arg, res);
+  else STAGE(octo_point2, arg, res);
+  for (int i = 0; i < 3; ++i) {
+    force[i] = KEPT(active, force[i]);
+    s->f[i] -= force[i];
+  }
+  octo_add_outer(force, shapes, s->F);
+  if (in->order == 0) return;
+  for (int e = 0; e < 18; ++e) slopes[e] = KEPT(active, slopes[e]);
+  octo_slopes(in->kin[0], y, shapes, s->J[0]);
+  octo_slopes(in->kin[1], y_now, shapes, s->J[1]);
+  octo_times(slopes, 3, s->J[0], s->by_place);
+  octo_times(slopes + 9, 3, s->J[1], s->by_before);
+  octo_add_left(s->J[0], s->by_place, -1.0, 0, jac, 3 * NX);
+  octo_add_left(s->J[0], s->by_before, -1.0, 0, jac + NX, 3 * NX);
+  if (in->order == 1) return;
+  for (int e = 0; e < 36; ++e) h[e] = KEPT(active, h[e]);
+  octo_touch_curvature(s, slopes, h, hess);
+}
+
+static void octo_contacts(const octo_input *in, octo_work *s, real *jac, real *hess) {
+  for (int e = 0; e < NENTRY;) {
+    real y[3], place[3];
+    const octo_mask near = octo_near(in, s, e, y, place);
+    if (!ANY(near)) { e = octo_skip[e]; continue; }
+    s->entry = e;
+    if (octo_member[e] >= 0) octo_touch(in, s, near, y, place, jac, hess);
+    ++e;
+  }
+}
+
+/* FD (NX), and by order jac (NX, 3 NX) and hess (CURVATURE, NX, NX), of which all is written. */
+static void octo_all(const octo_input *in, octo_work *s, real *fd, real *jac, real *hess) {
+  for (int e = 0; in->order >= 1 && e < 3 * NX * NX; ++e) jac[e] = ZERO;
+  for (int e = 0; in->order == 2 && e < CURVATURE * NX * NX; ++e) hess[e] = ZERO;
+  for (int node = 0; node < 3; ++node) octo_weights(in->x[node], s->weights[node]);
+  octo_forces(in, s);
+  if (in->order == 2) octo_follow(in, s);
+  octo_contacts(in, s, jac, hess);
+  octo_write_rows(in, s, fd);
+  if (in->order >= 1) octo_write_jacobian(in, s, jac);
+  if (in->order == 2) octo_write_curvature(in, s, hess);
+}
