@@ -25,7 +25,14 @@ from octo.world.jet import SIZES
 OPTIONS = {"cse": True}
 PREFIX = "octo_"  # of the names in the C text; the order of the derivatives is appended
 # inputs that are p or of a table
-SHARED = {"gap": (1, 2), "pair": (1, 2), "body": (3, 4), "contact": (2, 3), "joint": (3, 4), "point": (2,)}
+SHARED = {
+    "gap": (1, 2),
+    "pair": (1, 2),
+    "body": (3, 4),
+    "contact": (2, 3),
+    "joint": (3, 4),
+    "point": (2,),
+}
 
 JOINT = ("armature", "damping", "stiffness", "rest", "lower", "upper")  # of its table
 

@@ -7,6 +7,7 @@ from importlib import resources
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from octo.dynamics import codegen, slots
 from octo.dynamics import stages as laws
@@ -62,7 +63,7 @@ def _tables(body: Body, terrain: Ground, layout: Layout) -> tuple[list[str], Map
     shapes = np.concatenate([body.points[:, None], body.modes], axis=1)
     spheres = spheres_of(shapes)
     steepest = 1.0 if isinstance(terrain, World) else terrain.steepest
-    numbers = {
+    numbers: dict[str, ArrayLike] = {
         "second": moments.second,
         "first": moments.first,
         "mass": [moments.mass],

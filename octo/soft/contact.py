@@ -1,5 +1,5 @@
-"""Contacts of a deforming surface with the ground, over all steps at once, in NumPy: of all vertices
-their heights, of those that are near what the law says and how it changes."""
+"""Contacts of a deforming surface with the ground, over all steps at once, in NumPy: of all
+vertices their heights, of those that are near what the law says and how it changes."""
 
 from __future__ import annotations
 
@@ -129,7 +129,9 @@ class Contacts:
         y = np.einsum("ck,ckj->cj", self.at.weights, self.shapes)
         bent = np.einsum("ck,ckj->cj", self.lam[:, 6:], self.shapes[:, 1:])
         turned = np.einsum("cij,cj->ci", self.along.value, y)
-        return np.asarray(self.lam[:, :3] + turned + np.einsum("cij,cj->ci", self.at.turns.value, bent))
+        return np.asarray(
+            self.lam[:, :3] + turned + np.einsum("cij,cj->ci", self.at.turns.value, bent)
+        )
 
     def _along_slopes(self) -> Array:
         """∂δ/∂x_next (C, 3, n)."""

@@ -129,9 +129,7 @@ class SoftDynamics(Dynamics):
 class _Steps:
     """All steps of one trajectory (N+2, n), in NumPy: FD and its derivatives."""
 
-    def __init__(
-        self, dynamics: SoftDynamics, x: Array, p: Array, order: int, lam: Array | None
-    ):
+    def __init__(self, dynamics: SoftDynamics, x: Array, p: Array, order: int, lam: Array | None):
         turn, bend, surface = dynamics._stages
         self.body, self.moments = dynamics.body, dynamics.moments
         self.own = dynamics.layout.named(p)

@@ -65,8 +65,8 @@ class Nodes:
         return cls(x[:, :3], turns, weights, moments.blocks(weights), weights @ moments.first)
 
     def __getitem__(self, part: slice) -> Nodes:
-        own = (self.place, self.turns, self.weights, self.blocks, self.first)
-        return Nodes(*(one[part] for one in own))
+        place, turns, weights = self.place[part], self.turns[part], self.weights[part]
+        return Nodes(place, turns, weights, self.blocks[part], self.first[part])
 
     def bent(self, force: Array) -> Array:
         """⟨∂²T, F⟩ (N, n, n) of a force on T, F (N, K, 3, 3) of the blocks w_k R."""

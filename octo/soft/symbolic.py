@@ -1,5 +1,5 @@
-"""FD of a reduced deformable body as one CasADi expression: for other solvers, and what the loops of
-``octo.soft`` are tested against. Its length grows with the vertices: it is for bodies of a few."""
+"""FD of a reduced deformable body as one CasADi expression: for other solvers, and what the loops
+of ``octo.soft`` are tested against. Its length grows with the vertices: it is for a few."""
 
 from __future__ import annotations
 
