@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from octo.checks import Array
 from octo.dynamics import codegen, slots
 from octo.dynamics import stages as laws
 from octo.dynamics.laws import ContactLaw
@@ -57,6 +58,15 @@ def _shared(function: ca.Function) -> tuple[int, ...]:
     return laws.SHARED.get(function.name().removeprefix(laws.PREFIX).rstrip("012"), ())
 
 
+def bits_table(name: str, values: Array) -> str:
+    """A long table of numbers in C, by their bits: a compiler reads those ten times faster than
+    literals of doubles."""
+    flat = np.ascontiguousarray(values, dtype=float).ravel().view(np.uint64)
+    entries = ",".join(map(hex, flat.tolist()))
+    bits = f"static const unsigned long long octo_{name}_bits[] = {{{entries}}};"
+    return f"{bits}\n#define octo_{name} ((const double *)octo_{name}_bits)"
+
+
 def _tables(body: Body, terrain: Ground, layout: Layout) -> tuple[list[str], Mapping[str, int]]:
     """The body's numbers, and sizes."""
     moments, count = Moments.of(body), body.modes.shape[1]
@@ -69,10 +79,10 @@ def _tables(body: Body, terrain: Ground, layout: Layout) -> tuple[list[str], Map
         "mass": [moments.mass],
         "modal": moments.modal,
         "stiffness": body.stiffness,
-        "entry": spheres.rows,
         "steepest": [steepest],
     }
     made = [codegen.numbers_table(name, table) for name, table in numbers.items()]
+    made.append(bits_table("entry", spheres.rows))
     made += [codegen.integers("skip", spheres.skip), codegen.integers("member", spheres.member)]
     kin = KIN + 9 * (1 + count)
     sizes = {"NX": 6 + count, "NB": 0, "NC": 0, "NP": layout.size, "NSHAPE": 1 + count}
@@ -80,5 +90,5 @@ def _tables(body: Body, terrain: Ground, layout: Layout) -> tuple[list[str], Map
     places = {"DT": "dt", "GRAVITY": "gravity_x", "ELASTIC": "elastic.stiffness"}
     sizes |= {name: layout.index(parameter) for name, parameter in places.items()}
     n, K = 6 + count, 1 + count
-    sizes["WORK"] = 9 * K * 6 + 7 * K + n * n + 18 * n + 200
+    sizes["WORK"] = 9 * K * 6 + 7 * K + n * n + 24 * n + 200
     return made, sizes

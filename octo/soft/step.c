@@ -39,7 +39,8 @@ typedef struct {
   real pull[3][NSHAPE][9];                             /* M λ̂ and the contacts' share, of the nodes */
   real mixed[NX * NX];
   int entry; /* the vertex that is being evaluated, among those of the tree */
-  real J[2][3][NX], turned[3][NX], delta[3], by_place[3][NX], by_before[3][NX], left[3][NX], right[3][NX];
+  real J[3][NX], before[3][NX], delta[3]; /* ∂P/∂x of the next node and of now; J λ */
+  real left[9][NX], right[9][NX];         /* J, −∂δ, −f_c J, and what they are multiplied by: last ∂δ */
 } octo_work;
 
 /* Σ_ij A_ij B_ij: of reals or of a table's numbers. */

@@ -34,17 +34,26 @@ static inline void octo_slopes(const real *turns, const real *y, const double *s
   }
 }
 
-/* A (3, 3), rows ``wide`` apart, times J. */
-static inline void octo_times(const real *A, int wide, const real (*J)[NX], real (*out)[NX]) {
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < NX; ++j) out[i][j] = A[wide * i] * J[0][j] + A[wide * i + 1] * J[1][j] + A[wide * i + 2] * J[2][j];
+/* A (3, 3), rows ``wide`` apart, times sign·J. */
+static inline void octo_times(const real *A, int wide, double sign, const real (*J)[NX], real (*out)[NX]) {
+  for (int i = 0; i < 3; ++i) {
+    const real a = sign * A[wide * i], b = sign * A[wide * i + 1], c = sign * A[wide * i + 2];
+    for (int j = 0; j < NX; ++j) out[i][j] = a * J[0][j] + b * J[1][j] + c * J[2][j];
+  }
 }
 
-/* out += sign·Jᵀ X, whose first three columns are the identity; columns from the diagonal on, or all. */
-static inline void octo_add_left(const real (*J)[NX], const real (*X)[NX], double sign, int half, real *out, int stride) {
-  for (int i = 0; i < NX; ++i)
-    for (int j = half ? i : 0; j < NX; ++j)
-      out[i * stride + j] += sign * (i < 3 ? X[i][j] : J[0][i] * X[0][j] + J[1][i] * X[1][j] + J[2][i] * X[2][j]);
+/* out += leftᵀ right, ``count`` rows each, which is constant where this is called; columns from the diagonal on, or all. */
+static inline __attribute__((always_inline)) void octo_add_product_of(int count, const real (*left)[NX], const real (*right)[NX],
+                                                                      int half, real *restrict out, int stride) {
+  for (int i = 0; i < NX; ++i) {
+    real own[9];
+    for (int c = 0; c < count; ++c) own[c] = left[c][i];
+    for (int j = half ? i : 0; j < NX; ++j) {
+      real sum = out[i * stride + j];
+      for (int c = 0; c < count; ++c) sum += own[c] * right[c][j];
+      out[i * stride + j] = sum;
+    }
+  }
 }
 
 /* δ = J λ and ∂δ/∂x_next. */
@@ -52,11 +61,11 @@ static inline void octo_displaced(const octo_input *in, octo_work *s, const real
   const real *kin = in->kin[0];
   real bent[3];
   octo_shaped(s->modal, shapes, bent);
-  octo_slopes(s->along, y, shapes, s->turned);
+  octo_slopes(s->along, y, shapes, s->right + 6);
   for (int i = 0; i < 3; ++i) {
     s->delta[i] = in->lam[i] + ROW(s->along, i, y) + ROW(kin, i, bent);
-    for (int a = 0; a < 3; ++a) s->turned[i][3 + a] += ROW(SLOPE(kin, a), i, bent);
-    for (int j = 0; j < 3; ++j) s->turned[i][j] = ZERO;
+    for (int a = 0; a < 3; ++a) s->right[6 + i][3 + a] += ROW(SLOPE(kin, a), i, bent);
+    for (int j = 0; j < 3; ++j) s->right[6 + i][j] = ZERO;
   }
 }
 
@@ -67,6 +76,12 @@ static inline void octo_add_outer(const real *force, const double *shapes, real 
 
 /* What a contact adds to H beside the forces' and the pulls' share; h (6, 6). */
 static void octo_touch_curvature(octo_work *s, const real *slopes, const real *h, real *hess) {
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < NX; ++j) {
+      s->left[i][j] = s->J[i][j];
+      s->left[3 + i][j] = -s->right[6 + i][j];
+      s->right[3 + i][j] = -s->left[6 + i][j];
+    }
   for (int node = 0; node < 2; ++node) {
     real pull[3];
     for (int j = 0; j < 3; ++j) {
@@ -75,21 +90,14 @@ static void octo_touch_curvature(octo_work *s, const real *slopes, const real *h
     }
     octo_add_outer(pull, octo_entry + (size_t)s->entry * ENTRY, s->pull[node]);
   }
-  octo_times(h, 6, s->J[0], s->left);
-  octo_add_left(s->J[0], s->left, 1.0, 1, hess, NX);
-  for (int i = 3; i < NX; ++i)
-    for (int j = i; j < NX; ++j)
-      for (int c = 0; c < 3; ++c) hess[i * NX + j] -= s->turned[c][i] * s->by_place[c][j] + s->by_place[c][i] * s->turned[c][j];
-  for (int i = 0; i < 3; ++i) /* turned is zero there */
-    for (int j = 3; j < NX; ++j)
-      for (int c = 0; c < 3; ++c) hess[i * NX + j] -= s->by_place[c][i] * s->turned[c][j];
-  octo_times(h + 3, 6, s->J[1], s->left);
-  octo_add_left(s->J[0], s->left, 1.0, 0, hess + NX * NX, NX);
-  for (int i = 3; i < NX; ++i)
-    for (int j = 0; j < NX; ++j)
-      for (int c = 0; c < 3; ++c) hess[NX * NX + i * NX + j] -= s->turned[c][i] * s->by_before[c][j];
-  octo_times(h + 21, 6, s->J[1], s->left);
-  octo_add_left(s->J[1], s->left, 1.0, 1, hess + 3 * NX * NX, NX);
+  /* ∂²(−δ·f): left holds J, −∂δ and −f_c J already, right the others of their products */
+  octo_times(h, 6, 1.0, s->J, s->right);
+  octo_add_product_of(9, s->left, s->right, 1, hess, NX);
+  octo_times(h + 3, 6, 1.0, s->before, s->right);
+  octo_times(slopes + 9, 3, 1.0, s->before, s->right + 3);
+  octo_add_product_of(6, s->left, s->right, 0, hess + NX * NX, NX);
+  octo_times(h + 21, 6, 1.0, s->before, s->right);
+  octo_add_product_of(3, s->before, s->right, 1, hess + 3 * NX * NX, NX);
 }
 
 /* One vertex that is near, in the lanes of ``active``; y and place at the next node. */
@@ -110,12 +118,12 @@ static void octo_touch(const octo_input *in, octo_work *s, octo_mask active, con
   octo_add_outer(force, shapes, s->F);
   if (in->order == 0) return;
   for (int e = 0; e < 18; ++e) slopes[e] = KEPT(active, slopes[e]);
-  octo_slopes(in->kin[0], y, shapes, s->J[0]);
-  octo_slopes(in->kin[1], y_now, shapes, s->J[1]);
-  octo_times(slopes, 3, s->J[0], s->by_place);
-  octo_times(slopes + 9, 3, s->J[1], s->by_before);
-  octo_add_left(s->J[0], s->by_place, -1.0, 0, jac, 3 * NX);
-  octo_add_left(s->J[0], s->by_before, -1.0, 0, jac + NX, 3 * NX);
+  octo_slopes(in->kin[0], y, shapes, s->J);
+  octo_slopes(in->kin[1], y_now, shapes, s->before);
+  octo_times(slopes, 3, -1.0, s->J, s->left + 6);
+  octo_times(slopes + 9, 3, -1.0, s->before, s->right);
+  octo_add_product_of(3, s->J, s->left + 6, 0, jac, 3 * NX);
+  octo_add_product_of(3, s->J, s->right, 0, jac + NX, 3 * NX);
   if (in->order == 1) return;
   for (int e = 0; e < 36; ++e) h[e] = KEPT(active, h[e]);
   octo_touch_curvature(s, slopes, h, hess);
