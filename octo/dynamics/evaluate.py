@@ -53,6 +53,7 @@ class Dynamics:
     """
 
     curvature_blocks = 6  # of the C text, (n, n) each: CURVATURE
+    weight = 1.0  # N, that forces are measured in; a robot's is its character's
     looks = 0  # contacts that a world is asked about, at each node: all but those of crowds
     # from the rest, and large or of this process alone
     generated = frozenset(("_text", "_lanes_text", "_library", "_machine"))
@@ -123,6 +124,23 @@ class Dynamics:
         value = ca.Function("fd", [z, p], [ca.densify(fd)])
         jacobian = ca.Function("jacobian", [z, p], [jac.T])
         return value, jacobian, ca.Function("curvature", [z, p, lam], [hess])
+
+    def rest(self, p: Array) -> Array | None:
+        """(n,) a configuration in which nothing moves without a motor's force, where one is known:
+        what a motion begins in by default."""
+        return None
+
+    def length(self, start: Array) -> float:
+        """m, that moments are measured in."""
+        return 1.0
+
+    def row_scale(self, length: float) -> Array:
+        """(m,) of the unactuated rows."""
+        return np.ones(len(self.unactuated))
+
+    def effort(self, length: float) -> float:
+        """A motor's usual force, in the unit of u."""
+        return 1.0
 
     def bound(self, p: Array) -> Array:
         """p (..., NP) as this process hands it to generated code: with the address of the world's

@@ -12,16 +12,17 @@ import numpy as np
 from octo.checks import Array
 from octo.dynamics.evaluate import Dynamics, check_surroundings
 from octo.dynamics.laws import ContactLaw, Smooth
-from octo.dynamics.parameters import Layout
+from octo.dynamics.parameters import Layout, section
 from octo.errors import ModelError, ProblemError, said
 from octo.model.chart import Chart
 from octo.model.quantities import GRAVITY
-from octo.model.terrain import Ground, Plane, World, own_parameters
+from octo.model.terrain import Ground, Plane, World, own_parameters, signed_distance
 from octo.soft import codegen, inertia, stages
 from octo.soft.body import Body
 from octo.soft.contact import Contacts, Surface
 from octo.soft.moments import Moments
 from octo.soft.nodes import Nodes, Turns
+from octo.soft.rest import at_rest
 from octo.soft.symbolic import forward_dynamics
 
 MOST_WRITTEN = 40  # vertices in one expression
@@ -97,6 +98,44 @@ class SoftDynamics(Dynamics):
                 "another solver: solve with octo.solve"
             )
         return forward_dynamics(self.body, self.law, self.terrain, self.layout, self.chart)
+
+    @property
+    def weight(self) -> float:  # type: ignore[override]
+        """N, mg with g = 9.81."""
+        return self.body.mass * GRAVITY
+
+    def rest(self, p: Array) -> Array:
+        """(n,) the body lying on the ground, without a motor's force.
+
+        Parameters
+        ----------
+        p: (NP,).
+
+        Raises
+        ------
+        StaticPoseError: it rolls or slides on, or its modes give way.
+        """
+        x = np.zeros(self.nx)
+        values = section(self.layout.named(p), "terrain.")
+        x[2] = -float(signed_distance(self.terrain, self.body.points, values).min())
+        return at_rest(self, p, x, self.body.name)
+
+    def length(self, start: Array) -> float:
+        """m, how high the frame is above the lowest vertex at ``start`` (n,); at least 1 % of the
+        body's size."""
+        at = Nodes.of(self.moments, self._stages[0], start[None])
+        size = float(np.ptp(self.body.points, axis=0).max())
+        return max(float(start[2] - self._stages[2].places(at)[..., 2].min()), 0.01 * size)
+
+    def row_scale(self, length: float) -> Array:
+        """(m,) of the unactuated rows: 1/mg, of angles 1/(mg·length), of modes 1/(g√m)."""
+        modal = np.full(self.nx - 6, 1.0 / self.effort(length))
+        own = np.concatenate([np.ones(3), np.full(3, 1.0 / length)]) / self.weight
+        return np.asarray(np.concatenate([own, modal])[self.unactuated], dtype=float)
+
+    def effort(self, length: float) -> float:
+        """N kg^-½, g√m: what moves all mass as fast as its weight does."""
+        return GRAVITY * float(np.sqrt(self.body.mass))
 
     def _written(self, lanes: bool) -> str:
         given = (self.body, self.law, self.terrain, self.layout, self.chart)
