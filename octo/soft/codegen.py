@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from importlib import resources
 
 import casadi as ca
@@ -41,6 +40,8 @@ def body_text(
     functions += [laws.point(order, layout, law, terrain) for order in (0, 1, 2)]
     tables, sizes = _tables(body, terrain, layout)
     common = [source("step.c"), source("touch.c")]
+    if not lanes:
+        sizes["KIN"] = 0
     head = [HEAD, codegen.macros(sizes), *tables]
     if not lanes:
         made = [brisk(function_of_numbers(one), one.n_instructions()) for one in functions]
@@ -67,7 +68,7 @@ def bits_table(name: str, values: Array) -> str:
     return f"{bits}\n#define octo_{name} ((const double *)octo_{name}_bits)"
 
 
-def _tables(body: Body, terrain: Ground, layout: Layout) -> tuple[list[str], Mapping[str, int]]:
+def _tables(body: Body, terrain: Ground, layout: Layout) -> tuple[list[str], dict[str, int]]:
     """The body's numbers, and sizes."""
     moments, count = Moments.of(body), body.modes.shape[1]
     shapes = np.concatenate([body.points[:, None], body.modes], axis=1)
@@ -90,5 +91,5 @@ def _tables(body: Body, terrain: Ground, layout: Layout) -> tuple[list[str], Map
     places = {"DT": "dt", "GRAVITY": "gravity_x", "ELASTIC": "elastic.stiffness"}
     sizes |= {name: layout.index(parameter) for name, parameter in places.items()}
     n, K = 6 + count, 1 + count
-    sizes["WORK"] = 9 * K * 6 + 7 * K + n * n + 24 * n + 200
+    sizes["WORK"] = 76 * K + n * n + 24 * n + 380  # octo_step_work
     return made, sizes

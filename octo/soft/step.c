@@ -7,6 +7,7 @@
  * text before this one defines the sizes, the tables octo_* of the body and the functions octo_turn, octo_bend, octo_gap and
  * octo_point0…2. Matrices are (3, 3), row by row. */
 
+#define octo_look(p, order, kin, last)
 #ifdef STEPS
 #define KEPT(mask, value) WHERE(mask, value)
 #define ABS(value) octo_fabs(value)
@@ -21,14 +22,20 @@ typedef int octo_mask;
 #define KEPT(mask, value) ((mask) ? (value) : 0.0)
 #define ABS(value) fabs(value)
 #endif
+#ifdef __CUDACC_RTC__
+#define INTO static __forceinline__ /* what calls it, for that gives it constants */
+#else
+#define INTO static inline __attribute__((always_inline))
+#endif
 
 typedef struct { const real *x[3], *kin[3]; const double *p; const real *lam; int order; } octo_input;
 
 #define NMODE (NSHAPE - 1)
 #define FLAT (3 * NSHAPE)     /* numbers of a vertex: φ_0 = X, φ_1, … */
 #define ENTRY (FLAT + 1 + NMODE) /* and of an entry of the tree: its radius, and how much that grows with each |z_k| */
-#define BLOCKS 90             /* in kin, behind R, its slopes and second derivatives: Σ_k w_k S_kl, … */
+#define BLOCKS 90             /* of a node, behind R, its slopes and second derivatives: Σ_k w_k S_kl, … */
 #define FIRST (BLOCKS + 9 * NSHAPE) /* … and Σ_k w_k m_k */
+#define FRAME (FIRST + 3)
 #define SLOPE(turns, a) ((turns) + 9 + 9 * (a))
 #define SECOND(turns, a, b) ((turns) + 36 + 9 * octo_twice[a][b])
 static const int octo_twice[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}};
@@ -76,7 +83,7 @@ static inline void octo_weights(const real *x, real *weights) {
   for (int k = 0; k < NMODE; ++k) weights[1 + k] = x[6 + k];
 }
 
-static void octo_kin(const real *x, real *kin) {
+static void octo_frame(const real *x, real *kin) {
   const ARGUMENT *arg[1] = {x + 3};
   real *res[1] = {kin}, weights[NSHAPE];
   octo_weights(x, weights);
@@ -84,7 +91,6 @@ static void octo_kin(const real *x, real *kin) {
   octo_blocks(weights, kin + BLOCKS);
   octo_firsts(weights, kin + FIRST);
 }
-#define octo_look(p, order, kin, last)
 
 /* Of inertia and gravity. */
 static void octo_forces(const octo_input *in, octo_work *s) {

@@ -3,6 +3,7 @@
 #define JAC_SLOTS (1 + 3 * NX * NX)
 #define HESS_SLOTS (1 + CURVATURE * NX * NX)
 #define NCOUPLED 0
+#define octo_kin octo_frame
 
 static inline void octo_work_begin(octo_work *s) {}
 typedef struct { char none; } octo_last_looks;

@@ -43,8 +43,7 @@ static inline void octo_times(const real *A, int wide, double sign, const real (
 }
 
 /* out += leftᵀ right, ``count`` rows each, which is constant where this is called; columns from the diagonal on, or all. */
-static inline __attribute__((always_inline)) void octo_add_product_of(int count, const real (*left)[NX], const real (*right)[NX],
-                                                                      int half, real *restrict out, int stride) {
+INTO void octo_add_product_of(int count, const real (*left)[NX], const real (*right)[NX], int half, real *__restrict__ out, int stride) {
   for (int i = 0; i < NX; ++i) {
     real own[9];
     for (int c = 0; c < count; ++c) own[c] = left[c][i];
@@ -75,7 +74,7 @@ static inline void octo_add_outer(const real *force, const double *shapes, real 
 }
 
 /* What a contact adds to H beside the forces' and the pulls' share; h (6, 6). */
-static void octo_touch_curvature(octo_work *s, const real *slopes, const real *h, real *hess) {
+static void octo_vertex_curvature(octo_work *s, const real *slopes, const real *h, real *hess) {
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < NX; ++j) {
       s->left[i][j] = s->J[i][j];
@@ -101,7 +100,7 @@ static void octo_touch_curvature(octo_work *s, const real *slopes, const real *h
 }
 
 /* One vertex that is near, in the lanes of ``active``; y and place at the next node. */
-static void octo_touch(const octo_input *in, octo_work *s, octo_mask active, const real *y, const real *place, real *jac, real *hess) {
+static void octo_vertex(const octo_input *in, octo_work *s, octo_mask active, const real *y, const real *place, real *jac, real *hess) {
   const double *shapes = octo_entry + (size_t)s->entry * ENTRY;
   real before[3], y_now[3], force[3], slopes[18], h[36], *res[4] = {force, slopes, slopes + 9, h};
   octo_shaped(s->weights[1], shapes, y_now);
@@ -126,7 +125,7 @@ static void octo_touch(const octo_input *in, octo_work *s, octo_mask active, con
   octo_add_product_of(3, s->J, s->right, 0, jac + NX, 3 * NX);
   if (in->order == 1) return;
   for (int e = 0; e < 36; ++e) h[e] = KEPT(active, h[e]);
-  octo_touch_curvature(s, slopes, h, hess);
+  octo_vertex_curvature(s, slopes, h, hess);
 }
 
 static void octo_contacts(const octo_input *in, octo_work *s, real *jac, real *hess) {
@@ -135,7 +134,7 @@ static void octo_contacts(const octo_input *in, octo_work *s, real *jac, real *h
     const octo_mask near = octo_near(in, s, e, y, place);
     if (!ANY(near)) { e = octo_skip[e]; continue; }
     s->entry = e;
-    if (octo_member[e] >= 0) octo_touch(in, s, near, y, place, jac, hess);
+    if (octo_member[e] >= 0) octo_vertex(in, s, near, y, place, jac, hess);
     ++e;
   }
 }
