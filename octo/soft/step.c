@@ -23,9 +23,11 @@ typedef int octo_mask;
 #define ABS(value) fabs(value)
 #endif
 #ifdef __CUDACC_RTC__
-#define INTO static __forceinline__ /* what calls it, for that gives it constants */
+#define INTO static __forceinline__
+#define APART static __noinline__ /* NVRTC takes a minute for all in one */
 #else
 #define INTO static inline __attribute__((always_inline))
+#define APART static
 #endif
 
 typedef struct { const real *x[3], *kin[3]; const double *p; const real *lam; int order; } octo_input;
@@ -83,7 +85,7 @@ static inline void octo_weights(const real *x, real *weights) {
   for (int k = 0; k < NMODE; ++k) weights[1 + k] = x[6 + k];
 }
 
-static void octo_frame(const real *x, real *kin) {
+APART void octo_frame(const real *x, real *kin) {
   const ARGUMENT *arg[1] = {x + 3};
   real *res[1] = {kin}, weights[NSHAPE];
   octo_weights(x, weights);
@@ -93,7 +95,7 @@ static void octo_frame(const real *x, real *kin) {
 }
 
 /* Of inertia and gravity. */
-static void octo_forces(const octo_input *in, octo_work *s) {
+APART void octo_forces(const octo_input *in, octo_work *s) {
   const double rate = 1.0 / (in->p[DT] * in->p[DT]), factor[3] = {rate, -2.0 * rate, rate};
   real a[3];
   for (int i = 0; i < 3; ++i) {
@@ -111,7 +113,7 @@ static void octo_forces(const octo_input *in, octo_work *s) {
   }
 }
 
-static void octo_write_rows(const octo_input *in, octo_work *s, real *fd) {
+APART void octo_write_rows(const octo_input *in, octo_work *s, real *fd) {
   const real *kin = in->kin[0];
   const double dt = in->p[DT], *own = in->p + ELASTIC; /* stiffness, alpha, beta */
   real G[9];
@@ -130,7 +132,7 @@ static void octo_write_rows(const octo_input *in, octo_work *s, real *fd) {
 }
 
 /* out += ⟨∂²(w_k R), F⟩ of R or R_λ, columns ``stride`` apart: by two angles, or an angle and a mode. */
-static void octo_add_bent(const real *turns, const real *weights, const real *F, real *out, int stride) {
+APART void octo_add_bent(const real *turns, const real *weights, const real *F, real *out, int stride) {
   real G[9];
   octo_whole(weights, F, G);
   for (int a = 0; a < 3; ++a) {
@@ -145,7 +147,7 @@ static void octo_add_bent(const real *turns, const real *weights, const real *F,
 
 /* out += factor·⟨∂_i, M ∂_j T⟩: rows of angles those of w_k ``left``, whose Σ w_k S_kl and Σ w_k m_k are given, of modes those
  * of ``rotation`` or none; columns those of a node. */
-static void octo_add_coupled(const real *left, const real *weights, const real *blocks, const real *first, const real *rotation,
+APART void octo_add_coupled(const real *left, const real *weights, const real *blocks, const real *first, const real *rotation,
                              const real *kin, double factor, real *out, int stride) {
   real whole[9], both[3][9], across[9];
   octo_whole(weights, kin + BLOCKS, whole);
@@ -175,7 +177,7 @@ static void octo_add_coupled(const real *left, const real *weights, const real *
 }
 
 /* Their rows of t, of ⟨∂T_next, M ∂T⟩. */
-static void octo_add_moved(const real *kin, double factor, real *out, int stride) {
+APART void octo_add_moved(const real *kin, double factor, real *out, int stride) {
   for (int i = 0; i < 3; ++i) {
     out[i * stride + i] += factor * octo_mass[0];
     for (int b = 0; b < 3; ++b) out[i * stride + 3 + b] += factor * ROW(SLOPE(kin, b), i, kin + FIRST);
@@ -183,7 +185,7 @@ static void octo_add_moved(const real *kin, double factor, real *out, int stride
   }
 }
 
-static void octo_write_jacobian(const octo_input *in, octo_work *s, real *jac) {
+APART void octo_write_jacobian(const octo_input *in, octo_work *s, real *jac) {
   const double dt = in->p[DT], rate = 1.0 / (dt * dt), factor[3] = {rate, -2.0 * rate, rate}, *own = in->p + ELASTIC;
   const real *kin = in->kin[0];
   octo_add_bent(kin, s->weights[0], s->F[0], jac, 3 * NX);
@@ -201,7 +203,7 @@ static void octo_write_jacobian(const octo_input *in, octo_work *s, real *jac) {
 }
 
 /* R_λ and M λ̂, before the contacts. */
-static void octo_follow(const octo_input *in, octo_work *s) {
+APART void octo_follow(const octo_input *in, octo_work *s) {
   const double rate = 1.0 / (in->p[DT] * in->p[DT]), factor[3] = {rate, -2.0 * rate, rate};
   const ARGUMENT *arg[2] = {in->x[0] + 3, in->lam + 3};
   const real *kin = in->kin[0];
@@ -219,7 +221,7 @@ static void octo_follow(const octo_input *in, octo_work *s) {
   }
 }
 
-static void octo_write_curvature(const octo_input *in, octo_work *s, real *hess) {
+APART void octo_write_curvature(const octo_input *in, octo_work *s, real *hess) {
   const double rate = 1.0 / (in->p[DT] * in->p[DT]), factor[3] = {rate, -2.0 * rate, rate};
   const real *kin = in->kin[0];
   real G[9], first[3];

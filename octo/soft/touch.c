@@ -74,7 +74,7 @@ static inline void octo_add_outer(const real *force, const double *shapes, real 
 }
 
 /* What a contact adds to H beside the forces' and the pulls' share; h (6, 6). */
-static void octo_vertex_curvature(octo_work *s, const real *slopes, const real *h, real *hess) {
+APART void octo_vertex_curvature(octo_work *s, const real *slopes, const real *h, real *hess) {
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < NX; ++j) {
       s->left[i][j] = s->J[i][j];
@@ -100,7 +100,7 @@ static void octo_vertex_curvature(octo_work *s, const real *slopes, const real *
 }
 
 /* One vertex that is near, in the lanes of ``active``; y and place at the next node. */
-static void octo_vertex(const octo_input *in, octo_work *s, octo_mask active, const real *y, const real *place, real *jac, real *hess) {
+APART void octo_vertex(const octo_input *in, octo_work *s, octo_mask active, const real *y, const real *place, real *jac, real *hess) {
   const double *shapes = octo_entry + (size_t)s->entry * ENTRY;
   real before[3], y_now[3], force[3], slopes[18], h[36], *res[4] = {force, slopes, slopes + 9, h};
   octo_shaped(s->weights[1], shapes, y_now);
@@ -128,7 +128,7 @@ static void octo_vertex(const octo_input *in, octo_work *s, octo_mask active, co
   octo_vertex_curvature(s, slopes, h, hess);
 }
 
-static void octo_contacts(const octo_input *in, octo_work *s, real *jac, real *hess) {
+APART void octo_contacts(const octo_input *in, octo_work *s, real *jac, real *hess) {
   for (int e = 0; e < NENTRY;) {
     real y[3], place[3];
     const octo_mask near = octo_near(in, s, e, y, place);
@@ -140,7 +140,7 @@ static void octo_contacts(const octo_input *in, octo_work *s, real *jac, real *h
 }
 
 /* FD (NX), and by order jac (NX, 3 NX) and hess (CURVATURE, NX, NX), of which all is written. */
-static void octo_all(const octo_input *in, octo_work *s, real *fd, real *jac, real *hess) {
+APART void octo_all(const octo_input *in, octo_work *s, real *fd, real *jac, real *hess) {
   for (int e = 0; in->order >= 1 && e < 3 * NX * NX; ++e) jac[e] = ZERO;
   for (int e = 0; in->order == 2 && e < CURVATURE * NX * NX; ++e) hess[e] = ZERO;
   for (int node = 0; node < 3; ++node) octo_weights(in->x[node], s->weights[node]);
