@@ -24,7 +24,7 @@ typedef int octo_mask;
 #endif
 #ifdef __CUDACC_RTC__
 #define INTO static __forceinline__
-#define APART static __noinline__ /* NVRTC takes a minute for all in one */
+#define APART static __attribute__((noinline)) /* NVRTC takes a minute for all in one */
 #else
 #define INTO static inline __attribute__((always_inline))
 #define APART static
