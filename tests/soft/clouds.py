@@ -32,11 +32,17 @@ def cloud(modes: int = 10, count: int = 60, seed: int = 0, size: float = 0.15) -
     phi = np.array(made[6:]).reshape(modes, len(at), 3).swapaxes(0, 1)
     Y = np.concatenate([at, phi.reshape(len(at), -1), np.ones((len(at), 1))], axis=1)
     stiffness = np.diag((2.0 * np.pi * np.linspace(6.0, 14.0, modes)) ** 2)
-    inertia = np.einsum("p,pa,pb->ab", mass, Y, Y)
-    faces = np.zeros((0, 3), dtype=np.intp)
-    return soft.Body(
-        "cloud", at[:count], faces, phi[:count], inertia, stiffness, (0.3, 0.004), mass.sum()
-    )
+    given = {
+        "name": "cloud",
+        "points": at[:count],
+        "faces": np.zeros((0, 3), dtype=np.intp),
+        "modes": phi[:count],
+        "inertia": np.einsum("p,pa,pb->ab", mass, Y, Y),
+        "stiffness": stiffness,
+        "damping": (0.3, 0.004),
+    }
+    made_of = {"young": 1e4, "poisson": 0.3, "density": 100.0, "elements": 0, "nodes": len(at)}
+    return soft.Body(**given, **made_of)
 
 
 def _spread(count: int) -> np.ndarray:
