@@ -62,7 +62,7 @@ def test_solve_and_plot_are_functions(first: str) -> None:
 
 
 def test_import_is_quick_and_needs_no_extra() -> None:
-    extras = ("mujoco", "matplotlib", "viser", "cupy", "nvidia")
+    extras = ("mujoco", "matplotlib", "viser", "cupy", "nvidia", "skfem", "meshio", "tetgen")
     loaded = run("import sys, octo, octo.cli.main; print(*sys.modules)").split()
     assert not set(extras) & {name.partition(".")[0] for name in loaded}
     light = run("import sys, octo; print(*sys.modules)").split()

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import get_args
 
 from octo.cli.graph import DOING
+from octo.cli.soft import SHAPES
 from octo.errors import UnknownNameError
 from octo.goals import Kind, Preset
 from octo.model.gallery import CHARACTERS
@@ -85,7 +86,8 @@ def _words(command: str, option: str) -> tuple[str, ...]:
 def _first(command: str, commands: Parsers) -> tuple[str, ...]:
     """What a command's first word may be, beside a file."""
     words = {"help": tuple(commands), "completion": SHELLS, "graph": tuple(DOING)}
-    return words.get(command, tuple(CHARACTERS) if command in ROBOTS else ())
+    bodies = tuple(SHAPES) if command == "info" else ()
+    return words.get(command, (*CHARACTERS, *bodies) if command in ROBOTS else ())
 
 
 def _bash(commands: Parsers) -> str:

@@ -8,6 +8,7 @@ import os
 from typing import Any
 
 from octo.cli.arguments import BASE, CONTACTS, add_options, add_world_arguments
+from octo.cli.soft import body_of, is_soft
 from octo.cli.solve import finite
 from octo.cli.world import world_of
 from octo.devices import devices
@@ -17,6 +18,7 @@ from octo.model.describe import describe
 from octo.model.gallery import CHARACTERS
 from octo.model.load import load
 from octo.saved import opened
+from octo.soft import describe as soft
 from octo.world.describe import described, table
 
 
@@ -25,8 +27,9 @@ def add_info_arguments(parser: argparse.ArgumentParser) -> None:
         "file",
         metavar="FILE",
         nargs="?",
-        help="a URDF or MJCF file, a gallery name, or what octo wrote: a solution or log (.npz), "
-        "or its folder",
+        help="a URDF or MJCF file, a gallery name, a soft body (ball, beam or a mesh file, sizes "
+        "behind it as in beam:young=2e4), or what octo wrote: a solution or log (.npz), or its "
+        "folder",
     )
     add_world_arguments(parser)
     add_options(
@@ -60,6 +63,9 @@ def info(arguments: argparse.Namespace) -> int:
     elif file.endswith(".npz") or (os.path.isdir(file) and file not in CHARACTERS):
         found = opened(file)
         print(as_json(found.report()) if arguments.json else found)
+    elif is_soft(file):
+        body = body_of(file)
+        print(as_json(soft.described(body)) if arguments.json else soft.table(body))
     else:
         robot = load(file, arguments.base, arguments.contacts)
         print(as_json(describe(robot)) if arguments.json else robot.summary())

@@ -1,8 +1,14 @@
-"""Reduced deformable bodies (§3.3): an elastic body by its lowest modes, and its dynamics."""
+"""Soft bodies (§3.3): of any tetrahedral mesh a few modes, a surface and an exact inertia; and their
+dynamics."""
 
-from __future__ import annotations
+from octo.soft.body import Body
+from octo.soft.dynamics import SoftDynamics
+from octo.soft.gallery import ball, beam
+from octo.soft.model import Model
+from octo.soft.shapes import ball_mesh, beam_mesh
+from octo.soft.tetrahedra import Tetrahedra
 
-from octo.soft.body import Body as Body
-from octo.soft.dynamics import SoftDynamics as SoftDynamics
-
-__all__ = ["Body", "SoftDynamics"]
+__all__ = [
+    *("Body", "Model", "SoftDynamics", "Tetrahedra"),
+    *("ball", "ball_mesh", "beam", "beam_mesh"),
+]

@@ -9,20 +9,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from octo.checks import Array, instance, numbers, positive, room
-from octo.errors import ModelError, ProblemError, ShapeError
+from octo.errors import ProblemError, ShapeError
 from octo.world import build
+from octo.world.closed import closed
 from octo.world.grid import KIND, OVERSHOOT
 from octo.world.shape import Kind, Shape, fixed
 from octo.world.spline import Indices
-from octo.world.surface import edges_of, volume, wound_alike
 from octo.world.units import check_size
 
-MERGED = 1e-7  # of its longest edge: vertices so near to each other are one (STL has three a face)
-FLAT = 1e-9  # of the cube of its longest edge: a volume that is none
 FINE = 0.02  # m: the largest cell that is not given, and how many there are along the longest edge
 CELLS = 200
 MOST = 2.5e8  # doubles that a grid is made in, of a cell that is not given: 2 GB
@@ -102,39 +98,7 @@ class Mesh(Shape):
         if (faces != given).any() or faces.min() < 0 or faces.max() >= len(vertices):
             allowed = f"whole numbers from 0 to {len(vertices) - 1}"
             raise ProblemError(f"faces of {self.label} must be {allowed}, its vertices")
-        vertices, faces = _merged(vertices, faces)
-        if not len(faces):
-            raise ModelError(f"{self.label} has no inside: all of its faces are lines or points")
-        border, against = _borders(faces)
-        if len(border):
-            raise ModelError(self._open(vertices, border))
-        if len(against):
-            faces = wound_alike(faces)
-            against = _borders(faces)[1]
-        if len(against):
-            place = _place(self.scale * vertices[against[0]].mean(axis=0))
-            raise ModelError(
-                f"{self.label} has no inside: its faces cannot all be wound alike, near {place}"
-            )
-        if abs(volume(vertices, faces)) < FLAT * float(np.ptp(vertices, axis=0).max()) ** 3:
-            raise ModelError(f"{self.label} has no inside: the faces on both sides are one")
-        return vertices, faces
-
-    def _open(self, vertices: Array, border: Indices) -> str:
-        """What an open mesh is refused with."""
-        edges = coo_array((np.ones(len(border)), tuple(border.T)), shape=[len(vertices)] * 2)
-        labels = connected_components(edges, directed=False)[1][border[:, 0]]
-        holes, sizes = np.unique(labels, return_counts=True)
-        largest = np.unique(border[labels == holes[sizes.argmax()]])
-        corners = self.scale * vertices[largest]
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        one = len(border) == 1
-        return (
-            f"{self.label} is open: {len(border)} {'edge borders' if one else 'edges border'} one "
-            f"face only, around {len(holes)} {'hole' if len(holes) == 1 else 'holes'}, the largest "
-            f"from {_place(low)} to {_place(high)}; only a closed mesh has an inside: close it, or "
-            "use HeightField for a ground"
-        )
+        return closed(vertices, faces, self.label, self.scale)
 
     @cached_property
     def own(self) -> Array:
@@ -150,29 +114,3 @@ class Mesh(Shape):
         vertices = self.scale * np.asarray(self.vertices)
         assert self.cell is not None
         return np.stack([vertices.min(axis=0) - self.cell, vertices.max(axis=0) + self.cell])
-
-
-def _place(point: Array) -> str:
-    return f"({', '.join(f'{x:.3g}' for x in point)}) m"
-
-
-def _merged(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
-    """Vertices at one place as one, without faces of fewer than three places."""
-    quantum = MERGED * max(float(np.ptp(vertices, axis=0).max()), 1e-300)
-    low = vertices.min(axis=0)
-    _, first, to = np.unique(
-        np.round((vertices - low) / quantum), axis=0, return_index=True, return_inverse=True
-    )
-    faces = to.reshape(-1)[faces]
-    a, b, c = faces.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
-    used, local = np.unique(faces, return_inverse=True)
-    return vertices[first][used], local.reshape(faces.shape)
-
-
-def _borders(faces: Indices) -> tuple[Indices, Indices]:
-    """Edges (k, 2) that border an odd number of faces, and (k, 2) those of faces that are wound
-    against each other."""
-    edges, which, way = edges_of(faces)
-    odd = np.bincount(which) % 2 == 1
-    return edges[odd], edges[~odd & (np.bincount(which, way) != 0)]

@@ -12,7 +12,12 @@ SMALLEST, LARGEST = 0.05, 200.0  # m, of a shape's longest edge
 FACTORS = (1e-3, 1e-2, 0.0254, 0.3048, 1e-6, 1e3, 1e2, 1e6)
 
 
-def check_size(label: str, spans: Iterable[float], scale: float) -> None:
+def check_size(
+    label: str,
+    spans: Iterable[float],
+    scale: float,
+    limits: tuple[float, float] = (SMALLEST, LARGEST),
+) -> None:
     """Refuse what is too large or too small for a robot's world, with the scale that would make it
     fit.
 
@@ -20,14 +25,15 @@ def check_size(label: str, spans: Iterable[float], scale: float) -> None:
     ----------
     spans: m, of a box around it, scaled.
     scale: that it was scaled by.
+    limits: m, of the longest edge.
     """
     size = [float(span) for span in spans]
-    longest = max(size)
-    if SMALLEST <= longest <= LARGEST:
+    longest, (smallest, largest) = max(size), limits
+    if smallest <= longest <= largest:
         return
-    large = longest > LARGEST
-    limit = f"larger than {LARGEST:g} m" if large else f"smaller than {100.0 * SMALLEST:g} cm"
-    fits = [f for f in FACTORS if SMALLEST <= f * longest <= LARGEST and (f < 1.0) == large]
+    large = longest > largest
+    limit = f"larger than {largest:g} m" if large else f"smaller than {100.0 * smallest:g} cm"
+    fits = [f for f in FACTORS if smallest <= f * longest <= largest and (f < 1.0) == large]
     advice = f"; scale={scale * fits[0]:g} makes it {fits[0] * longest:.3g} m long" if fits else ""
     raise ValueRangeError(
         f"{label} is {' × '.join(f'{span:.3g}' for span in size)} m, {limit}: it must be in "

@@ -200,7 +200,7 @@ def setup_cfg() -> configparser.ConfigParser:
 
 def test_extras_go_by_one_name_everywhere() -> None:
     extras = set(setup_cfg()["options.extras_require"])
-    kinds = "robots view export mesh graph cluster cuda12 cuda13 dev docs"
+    kinds = "robots view export mesh soft mesher graph cluster cuda12 cuda13 dev docs"
     assert extras == set(kinds.split())
     named: set[str] = set()
     for path in [
