@@ -53,6 +53,8 @@ class Dynamics:
     """
 
     curvature_blocks = 6  # of the C text, (n, n) each: CURVATURE
+    # (3n, 3n) where the curvature may not be zero, if not what CasADi says of ``symbolic``
+    curvature_pattern: NDArray[np.bool_] | None = None
     weight = 1.0  # N, that forces are measured in; a robot's is its character's
     looks = 0  # contacts that a world is asked about, at each node: all but those of crowds
     # from the rest, and large or of this process alone

@@ -8,6 +8,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from octo.checks import Array
 from octo.dynamics.evaluate import Dynamics, check_surroundings
@@ -98,6 +99,16 @@ class SoftDynamics(Dynamics):
                 "another solver: solve with octo.solve"
             )
         return forward_dynamics(self.body, self.law, self.terrain, self.layout, self.chart)
+
+    @property
+    def curvature_pattern(self) -> NDArray[np.bool_]:  # type: ignore[override]
+        """(3n, 3n) where the curvature may not be zero: contacts know x_next and x, and of x_prev
+        only T(x_prev) is known, which the frame's place enters linearly."""
+        made = np.zeros((3, self.nx, 3, self.nx), dtype=bool)
+        made[:2, :, :2] = True
+        made[0, 3:, 2] = made[2, :, 0, 3:] = True
+        made[2, 3:6, 2, 3:] = made[2, 3:, 2, 3:6] = True
+        return made.reshape(3 * self.nx, 3 * self.nx)
 
     @property
     def weight(self) -> float:  # type: ignore[override]

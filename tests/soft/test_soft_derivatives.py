@@ -186,3 +186,15 @@ def test_a_wrong_argument_is_named() -> None:
     with pytest.raises(octo.errors.ModelError, match="50 vertices"):
         soft.SoftDynamics(body).symbolic  # noqa: B018
     assert soft.SoftDynamics(replace(body, modes=body.modes), actuated=[2]).nu == 1
+
+
+def test_the_pattern_has_all_that_is_not_zero() -> None:
+    dynamics = soft.SoftDynamics(cloud(3, 40), laws.Smooth(onset=0.03), HILLS)
+    x, p, lam = moving(dynamics, steps=20)
+    hess = dynamics.evaluate(x, p, lam, 2)[2]
+    assert hess is not None
+    size = np.abs(hess[0]).max(axis=0)
+    pattern = dynamics.curvature_pattern
+    np.testing.assert_array_equal(pattern, pattern.T)
+    assert (size[~pattern] == 0.0).all()
+    assert (size[pattern] > 0.0).mean() > 0.8

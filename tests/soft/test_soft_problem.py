@@ -102,3 +102,11 @@ def test_a_hop_is_found_and_played_back() -> None:
     motion = octo.simulate(hopper(), problem.start, controls=solution.u, dt=DT)
     assert motion.converged.all()
     np.testing.assert_allclose(motion.x, solution.x, atol=1e-5)
+
+
+def test_ipopt_finds_the_same_hop() -> None:
+    """By octo's own functions, from the same start."""
+    problem = hop()
+    found, other = octo.solve(problem, max_iterations=300), octo.reference.ipopt(problem).solution
+    assert found.converged and other.converged, str(other)
+    assert other.energy == pytest.approx(found.energy, rel=0.05)
