@@ -18,7 +18,7 @@ from octo.checks import Array, doubles
 from octo.dynamics import codegen, slots
 from octo.dynamics.crowd import singles_of
 from octo.dynamics.laws import ContactLaw, Smooth
-from octo.dynamics.parameters import Layout, robot_layout
+from octo.dynamics.parameters import Layout, bound, robot_layout, unbound
 from octo.dynamics.symbolic import LOOKED, element_law, forward_dynamics
 from octo.errors import ModelError, ProblemError, ShapeError, ValueRangeError, said
 from octo.interrupts import postponed
@@ -26,16 +26,7 @@ from octo.model.character import Character
 from octo.model.element import parameters_of
 from octo.model.kinematics import sphere_centers
 from octo.model.scene import Scene
-from octo.model.terrain import (
-    ADDRESS,
-    Ground,
-    Plane,
-    Terrain,
-    World,
-    address_of,
-    own_parameters,
-    world_at,
-)
+from octo.model.terrain import ADDRESS, Ground, Plane, Terrain, World, own_parameters, world_at
 from octo.world.jet import SIZES
 
 MOST_WRITTEN = 1000  # contacts in one expression: to build it takes 10 to 30 s
@@ -314,19 +305,10 @@ class RobotDynamics(Dynamics):
         return len(singles_of(self.character)) if isinstance(self.terrain, World) else 0
 
     def bound(self, p: Array) -> Array:
-        if not isinstance(self.terrain, World):
-            return p
-        place, own = self.layout.index(ADDRESS), np.array(p, dtype=float)
-        known = np.array([world_at(a) is not None for a in own[..., place].ravel().tolist()])
-        known = known.reshape(own.shape[:-1])  # of another member of a batch
-        own[..., place] = np.where(known, own[..., place], address_of(self.terrain))
-        return own
+        return bound(self.layout, self.terrain, p)
 
     def unbound(self, p: Array) -> Array:
-        own = np.array(p, dtype=float)
-        if isinstance(self.terrain, World):
-            own[..., self.layout.index(ADDRESS)] = 0.0
-        return own
+        return unbound(self.layout, self.terrain, p)
 
     def jets(self, p: Array, x: Array) -> Array:
         """What the world says at the centre of each terrain contact, at configurations x (k, n):

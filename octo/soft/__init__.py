@@ -1,5 +1,5 @@
-"""Soft bodies (§3.3): of any tetrahedral mesh a few modes, a surface and an exact inertia; and their
-dynamics."""
+"""Soft bodies (§3.3): of any tetrahedral mesh a few modes, a surface and an exact inertia; and how
+they move."""
 
 from octo.soft.body import Body
 from octo.soft.dynamics import SoftDynamics
@@ -8,7 +8,4 @@ from octo.soft.model import Model
 from octo.soft.shapes import ball_mesh, beam_mesh
 from octo.soft.tetrahedra import Tetrahedra
 
-__all__ = [
-    *("Body", "Model", "SoftDynamics", "Tetrahedra"),
-    *("ball", "ball_mesh", "beam", "beam_mesh"),
-]
+__all__ = ["Body", "Model", "SoftDynamics", "Tetrahedra", "ball", "ball_mesh", "beam", "beam_mesh"]

@@ -17,11 +17,13 @@ from octo.dynamics.parameters import Layout
 from octo.emit import HEAD, function_of_numbers
 from octo.interrupts import postponed
 from octo.model.chart import Chart
-from octo.model.terrain import Ground, World
+from octo.model.terrain import ADDRESS, Ground, World
 from octo.soft import stages
 from octo.soft.body import Body
 from octo.soft.moments import Moments
 from octo.soft.near import spheres_of
+from octo.world import query
+from octo.world.jet import SIZES
 
 CURVATURE = 5  # blocks of the curvature: a body has none of x and x_prev
 KIN = 9 * stages.TURNS + 3  # and 9 of each function φ_k
@@ -36,13 +38,17 @@ def body_text(
     body: Body, law: ContactLaw, terrain: Ground, layout: Layout, chart: Chart, lanes: bool
 ) -> str:
     """C text for one time step, or for one in every lane of a vector."""
-    functions = [stages.turn(chart), stages.bend(chart), laws.gap(layout, law, terrain)]
+    functions = [stages.turn(chart), stages.bend(chart)]
+    if not isinstance(terrain, World):
+        functions.append(laws.gap(layout, law, terrain))
     functions += [laws.point(order, layout, law, terrain) for order in (0, 1, 2)]
     tables, sizes = _tables(body, terrain, layout)
     common = [source("step.c"), source("touch.c")]
     if not lanes:
         sizes["KIN"] = 0
     head = [HEAD, codegen.macros(sizes), *tables]
+    if isinstance(terrain, World):
+        head += [query.text(), function_of_numbers(laws.reach(layout, law))]
     if not lanes:
         made = [brisk(function_of_numbers(one), one.n_instructions()) for one in functions]
         return "\n".join([*head, *made, *common, source("step_numbers.c")])
@@ -90,6 +96,8 @@ def _tables(body: Body, terrain: Ground, layout: Layout) -> tuple[list[str], dic
     sizes |= {"NENTRY": len(spheres.skip), "CURVATURE": CURVATURE, "KIN": kin}
     places = {"DT": "dt", "GRAVITY": "gravity_x", "ELASTIC": "elastic.stiffness"}
     sizes |= {name: layout.index(parameter) for name, parameter in places.items()}
+    if isinstance(terrain, World):
+        sizes |= {"WORLD": layout.index(ADDRESS), "JET": SIZES[-1]}
     n, K = 6 + count, 1 + count
     sizes["WORK"] = 76 * K + n * n + 24 * n + 380  # octo_step_work
     return made, sizes

@@ -13,10 +13,11 @@ from octo.checks import Array
 from octo.dynamics import stages
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import Layout
-from octo.model.terrain import Ground
+from octo.model.terrain import ADDRESS, Ground, World, world_at
 from octo.soft.body import Body
 from octo.soft.inertia import Forces
 from octo.soft.nodes import Nodes, Turns
+from octo.world.jet import SIZES
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,10 +27,15 @@ class Surface:
     Attributes
     ----------
     shapes: (P, K, 3), of each vertex its φ_0 = X (m), φ_1, …, φ_r.
-    gap: how far inside the law's reach a point is. laws: force and derivatives, by order.
+    terrain: the ground; a world is looked up. place: where p has the address of its numbers.
+    reach: how far from the ground the law acts. gap: how far inside that a point is.
+    laws: force and derivatives, by order.
     """
 
     shapes: Array
+    terrain: Ground
+    place: int
+    reach: ca.Function
     gap: ca.Function
     laws: tuple[ca.Function, ca.Function, ca.Function]
 
@@ -37,7 +43,15 @@ class Surface:
     def of(cls, body: Body, law: ContactLaw, terrain: Ground, layout: Layout) -> Surface:
         one, two, three = (stages.point(order, layout, law, terrain) for order in (0, 1, 2))
         shapes = np.concatenate([body.points[:, None], body.modes], axis=1)
-        return cls(shapes, stages.gap(layout, law, terrain), (one, two, three))
+        place = layout.index(ADDRESS) if isinstance(terrain, World) else -1
+        near = stages.reach(layout, law), stages.gap(layout, law, terrain)
+        return cls(shapes, terrain, place, *near, (one, two, three))
+
+    def world(self, p: Array) -> World | None:
+        """The one that p (NP,) names, or the terrain's; None where the ground is none."""
+        if not isinstance(self.terrain, World):
+            return None
+        return world_at(float(p[self.place])) or self.terrain
 
     def places(self, at: Nodes) -> Array:
         """(N, P, 3) m, world."""
@@ -47,7 +61,11 @@ class Surface:
     def touching(self, at: Nodes, p: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Steps and vertices of the contacts that are near the ground."""
         places = self.places(at)
-        gap = np.asarray(self.gap(places.reshape(-1, 3).T, 0.0, p)).reshape(places.shape[:2])
+        flat, world = places.reshape(-1, 3), self.world(p)
+        if world is None:
+            gap = np.asarray(self.gap(flat.T, 0.0, p)).reshape(places.shape[:2])
+        else:
+            gap = (float(self.reach(p)) - world.distance(flat)).reshape(places.shape[:2])
         step, vertex = np.nonzero(~(gap <= 0.0))  # a NaN is near
         return step, vertex
 
@@ -80,9 +98,12 @@ class Contacts:
             self.along, self.lam = along_rows(along, self.step), lam[self.step]
             self.delta_slope = self._along_slopes()
             delta = self._displaced()
-        out = surface.laws[order](places[0].T, places[1].T, p, delta.T) if count else ()
-        given = (out,) if isinstance(out, ca.DM) else out
-        numbers = [np.asarray(one, dtype=float).T for one in given]
+        world = surface.world(p)
+        jets = [] if world is None else [world.jets(places[0], len(SIZES) - 1).T]
+        given = (places[0].T, places[1].T, p, delta.T, *jets)
+        out = surface.laws[order](*given) if count else ()
+        found = (out,) if isinstance(out, ca.DM) else out
+        numbers = [np.asarray(one, dtype=float).T for one in found]
         sizes = ((3,), (3, 3), (3, 3), (6, 6))
         made = [one.reshape(count, *size) for one, size in zip(numbers, sizes, strict=False)]
         made += [np.zeros((0, *size)) for size in sizes[len(made) :]]

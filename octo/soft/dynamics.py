@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from octo.checks import Array
 from octo.dynamics.evaluate import Dynamics, check_surroundings
 from octo.dynamics.laws import ContactLaw, Smooth
-from octo.dynamics.parameters import Layout, section
+from octo.dynamics.parameters import Layout, bound, section, unbound
 from octo.errors import ModelError, ProblemError, said
 from octo.model.chart import Chart
 from octo.model.quantities import GRAVITY
@@ -40,7 +40,7 @@ class SoftDynamics(Dynamics):
     ----------
     body: what deforms.
     law: the contact law; octo.laws.Smooth by default.
-    terrain: an octo.Plane (the default) or an octo.Terrain.
+    terrain: an octo.Plane (the default), an octo.Terrain or an octo.World.
     actuated: which modes have motors, counted from 0; all by default.
     chart: "zyx" or "zxy".
 
@@ -64,11 +64,6 @@ class SoftDynamics(Dynamics):
         check_surroundings(terrain, law)
         if not isinstance(body, Body):
             raise ProblemError(f"body is {said(body)}, must be an octo.soft.Body")
-        if isinstance(terrain, World):
-            raise ProblemError(
-                "terrain is an octo.World, must be an octo.Plane or an octo.Terrain: a soft body "
-                "does not look up worlds"
-            )
         if chart not in CHARTS:
             raise ProblemError(f"chart is {said(chart)}, must be zyx or zxy")
         self.body, self.chart = body, chart
@@ -90,8 +85,13 @@ class SoftDynamics(Dynamics):
 
         Raises
         ------
-        ModelError: the body has more than MOST_WRITTEN vertices.
+        ModelError: the body has more than MOST_WRITTEN vertices, or lies on a world.
         """
+        if isinstance(self.terrain, World):
+            raise ModelError(
+                f"{self.body.name}: an octo.World has no expression for another solver: terrain "
+                "must be an octo.Plane or an octo.Terrain"
+            )
         count = len(self.body.points)
         if count > MOST_WRITTEN:
             raise ModelError(
@@ -99,6 +99,12 @@ class SoftDynamics(Dynamics):
                 "another solver: solve with octo.solve"
             )
         return forward_dynamics(self.body, self.law, self.terrain, self.layout, self.chart)
+
+    def bound(self, p: Array) -> Array:
+        return bound(self.layout, self.terrain, p)
+
+    def unbound(self, p: Array) -> Array:
+        return unbound(self.layout, self.terrain, p)
 
     @property
     def curvature_pattern(self) -> NDArray[np.bool_]:  # type: ignore[override]

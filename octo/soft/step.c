@@ -11,6 +11,9 @@
 #ifdef STEPS
 #define KEPT(mask, value) WHERE(mask, value)
 #define ABS(value) octo_fabs(value)
+#define LOOKS STEPS /* lanes, each of which looks up a world alone */
+#define OF_LANE(value, k) ((value)[k])
+#define SET_LANE(mask, k) ((mask)[k] = -1)
 #else
 typedef double real;
 typedef int octo_mask;
@@ -21,6 +24,9 @@ typedef int octo_mask;
 #define STAGE(name, arg, res) name(arg, res)
 #define KEPT(mask, value) ((mask) ? (value) : 0.0)
 #define ABS(value) fabs(value)
+#define LOOKS 1
+#define OF_LANE(value, k) (value)
+#define SET_LANE(mask, k) ((mask) = 1)
 #endif
 #ifdef __CUDACC_RTC__
 #define INTO static __forceinline__
@@ -47,6 +53,10 @@ typedef struct {
   real along[90], modal[NSHAPE], of_modal[9 * NSHAPE]; /* R_λ; (0, μ) of lam = (…, μ), and Σ_k μ_k S_kl */
   real pull[3][NSHAPE][9];                             /* M λ̂ and the contacts' share, of the nodes */
   real mixed[NX * NX];
+#ifdef WORLD
+  const double *world; /* its numbers */
+  double reach;        /* m, of the contact law */
+#endif
   int entry; /* the vertex that is being evaluated, among those of the tree */
   real J[3][NX], before[3][NX], delta[3]; /* ∂P/∂x of the next node and of now; J λ */
   real left[9][NX], right[9][NX];         /* J, −∂δ, −f_c J, and what they are multiplied by: last ∂δ */

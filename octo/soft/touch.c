@@ -13,17 +13,44 @@ static inline void octo_placed(const real *x, const real *kin, const real *y, re
 
 /* In which lanes something of an entry may be in reach; a NaN is. y and place: of its centre. */
 static inline octo_mask octo_near(const octo_input *in, const octo_work *s, int e, real *y, real *place) {
-  const double *entry = octo_entry + (size_t)ENTRY * e, none[1] = {0.0};
-  real gap, *res[1] = {&gap};
+  const double *entry = octo_entry + (size_t)ENTRY * e;
   octo_shaped(s->weights[0], entry, y);
   octo_placed(in->x[0], in->kin[0], y, place);
+#ifdef WORLD
+  octo_mask near = {0};
+  real radius = ZERO + entry[FLAT];
+  for (int k = 0; octo_member[e] < 0 && k < NMODE; ++k) radius += ABS(in->x[0][6 + k]) * entry[FLAT + 1 + k];
+  for (int k = 0; k < LOOKS; ++k) {
+    const double at[3] = {OF_LANE(place[0], k), OF_LANE(place[1], k), OF_LANE(place[2], k)};
+    const double beyond = s->reach + s->world[OCTO_WORLD_STEEPEST] * OF_LANE(radius, k);
+    double phi;
+    octo_world_within(s->world, at, beyond, 0, &phi);
+    if (!(phi >= beyond)) SET_LANE(near, k);
+  }
+  return near;
+#else
+  const double none[1] = {0.0};
+  real gap, *res[1] = {&gap};
   const ARGUMENT *arg[3] = {place, none, in->p};
   STAGE(octo_gap, arg, res);
   if (octo_member[e] >= 0) return NOT(gap <= 0.0);
   real radius = ZERO + entry[FLAT];
   for (int k = 0; k < NMODE; ++k) radius += ABS(in->x[0][6 + k]) * entry[FLAT + 1 + k];
   return NOT(gap + octo_steepest[0] * radius <= 0.0);
+#endif
 }
+
+#ifdef WORLD
+/* φ and its derivatives at a vertex where it is near, elsewhere something that is out of reach. */
+static inline void octo_vertex_look(const octo_input *in, const octo_work *s, octo_mask near, const real *place, real *jet) {
+  for (int k = 0; k < LOOKS; ++k) {
+    const double at[3] = {OF_LANE(place[0], k), OF_LANE(place[1], k), OF_LANE(place[2], k)};
+    double own[JET] = {s->reach + 1.0, 0.0, 0.0, 1.0};
+    if (OF_LANE(near, k)) octo_world_within(s->world, at, s->reach, in->order + 1, own);
+    for (int d = 0; d < octo_world_size(in->order + 1); ++d) OF_LANE(jet[d], k) = own[d];
+  }
+}
+#endif
 
 /* ∂P/∂x (3, NX) of a vertex by R and its slopes, or of R_λ. */
 static inline void octo_slopes(const real *turns, const real *y, const double *shapes, real (*J)[NX]) {
@@ -106,7 +133,14 @@ APART void octo_vertex(const octo_input *in, octo_work *s, octo_mask active, con
   octo_shaped(s->weights[1], shapes, y_now);
   octo_placed(in->x[1], in->kin[1], y_now, before);
   if (in->order == 2) octo_displaced(in, s, y, shapes);
+#ifdef WORLD
+  real jet[JET];
+  for (int d = 0; d < JET; ++d) jet[d] = ZERO;
+  octo_vertex_look(in, s, active, place, jet);
+  const ARGUMENT *arg[5] = {place, before, in->p, s->delta, jet};
+#else
   const ARGUMENT *arg[4] = {place, before, in->p, s->delta};
+#endif
   if (in->order == 0) STAGE(octo_point0, arg, res);
   else if (in->order == 1) STAGE(octo_point1, arg, res);
   else STAGE(octo_point2, arg, res);
@@ -144,6 +178,12 @@ APART void octo_all(const octo_input *in, octo_work *s, real *fd, real *jac, rea
   for (int e = 0; in->order >= 1 && e < 3 * NX * NX; ++e) jac[e] = ZERO;
   for (int e = 0; in->order == 2 && e < CURVATURE * NX * NX; ++e) hess[e] = ZERO;
   for (int node = 0; node < 3; ++node) octo_weights(in->x[node], s->weights[node]);
+#ifdef WORLD
+  const double *numbers[1] = {in->p};
+  double *reach[1] = {&s->reach};
+  octo_reach(numbers, reach);
+  s->world = (const double *)(size_t)in->p[WORLD];
+#endif
   octo_forces(in, s);
   if (in->order == 2) octo_follow(in, s);
   octo_contacts(in, s, jac, hess);

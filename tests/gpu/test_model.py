@@ -198,9 +198,10 @@ def test_no_launch_has_more_threads_than_its_kernel_is_compiled_for(
     assert seen == {name for text in other.program.texts for name in KERNEL.findall(text)} - unbound
 
 
-def test_a_soft_body(device):
+@pytest.mark.parametrize("terrain", [None, octo.World([octo.shapes.Box((0.4, 0.4, 0.02), 0.01)])])
+def test_a_soft_body(device, terrain):
     """Bends, and touches the ground with some of its vertices."""
-    dynamics = octo.soft.SoftDynamics(cloud(3, 40), octo.laws.Smooth(onset=0.02))
+    dynamics = octo.soft.SoftDynamics(cloud(3, 40), octo.laws.Smooth(onset=0.02), terrain)
     start = np.array([0.0, 0.0, 0.14, 0.2, 0.3, -0.1, 0.01, 0.02, -0.01])
     near = octo.costs.CustomCost(lambda step, p: step.x_next[:3], name="near")
     costs = [near, octo.costs.Effort(weight=1e-2)]

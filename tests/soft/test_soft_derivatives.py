@@ -3,6 +3,7 @@ robot, differences, and all vertices one by one."""
 
 from __future__ import annotations
 
+import copy
 import pickle
 from dataclasses import replace
 
@@ -27,6 +28,9 @@ def hilly(at: ca.SX, p: dict[str, ca.SX]) -> ca.SX:
 
 
 HILLS = octo.Terrain(hilly)
+BOXES = octo.World(
+    [octo.shapes.Ground(), octo.shapes.Box((0.3, 0.4, 0.1), 0.04, position=(0.1, 0.0, 0.0))]
+)
 CASES = {
     "plane": (laws.Smooth(onset=0.03), octo.Plane(slope=0.2), "zyx"),
     "compliant": (laws.Compliant(), octo.Plane(), "zxy"),
@@ -45,6 +49,13 @@ def moving(dynamics: soft.SoftDynamics, height: float = 0.13, seed: int = 1, ste
     return x, dynamics.layout.pack()[None], lam
 
 
+def on_numbers(dynamics: soft.SoftDynamics) -> soft.SoftDynamics:
+    """The same in C for one time step at a time, as for CUDA."""
+    made = copy.copy(dynamics)
+    made.__dict__["_library"] = native.load(made.text() + batch_source())
+    return made
+
+
 def close(found: tuple, wanted: tuple, tolerance: float) -> None:
     for own, other in zip(found, wanted, strict=True):
         np.testing.assert_allclose(own, other, rtol=0.0, atol=tolerance * np.abs(other).max())
@@ -61,11 +72,26 @@ def test_loops_say_what_one_expression_says(case: str) -> None:
     assert np.abs(without - wanted[0]).max() > 1.0  # it touches
     close(dynamics.interpreted().evaluate(x, p, lam, 2), wanted, 1e-12)
     close(dynamics.evaluate(x, p, lam, 2), wanted, 1e-12)
-    numbers = pickle.loads(pickle.dumps(dynamics))
-    numbers.__dict__["_library"] = native.load(numbers.text() + batch_source())
-    close(numbers.evaluate(x, p, lam, 2), wanted, 1e-12)
+    again = pickle.loads(pickle.dumps(dynamics))
+    close(on_numbers(again).evaluate(x, p, lam, 2), wanted, 1e-12)
     for order in (0, 1):
         close(dynamics.evaluate(x, p, None, order)[: order + 1], wanted[: order + 1], 1e-12)
+
+
+def test_a_world_is_looked_up_alike() -> None:
+    """In C lane by lane, in NumPy all at once; a plane in it is the plane."""
+    body, law = cloud(4, 120), laws.Smooth(onset=0.02)
+    dynamics = soft.SoftDynamics(body, law, BOXES)
+    x, p, lam = moving(dynamics, 0.2, steps=9)
+    wanted = dynamics.interpreted().evaluate(x, p, lam, 2)
+    close(dynamics.evaluate(x, p, lam, 2), wanted, 1e-11)
+    close(on_numbers(dynamics).evaluate(x, p, lam, 2), wanted, 1e-11)
+    level = soft.SoftDynamics(body, law, octo.World([octo.shapes.Ground()]))
+    plane = soft.SoftDynamics(body, law)
+    x[..., 2] -= 0.08
+    on_level = level.evaluate(x, level.layout.pack()[None], lam, 2)
+    close(on_level, plane.evaluate(x, plane.layout.pack()[None], lam, 2), 1e-12)
+    assert np.abs(wanted[0] - level.evaluate(x, level.layout.pack()[None])[0]).max() > 1.0
 
 
 @pytest.mark.parametrize("modes", [0, 3])
@@ -181,8 +207,9 @@ def test_a_wrong_argument_is_named() -> None:
             soft.SoftDynamics(body, **{name: given})
     with pytest.raises(octo.errors.ProblemError, match="body is"):
         soft.SoftDynamics(octo.gallery.mammal())  # type: ignore[arg-type]
-    with pytest.raises(octo.errors.ProblemError, match="World"):
-        soft.SoftDynamics(body, terrain=octo.World([octo.shapes.Box((1.0, 1.0, 1.0))]))
+    on_world = soft.SoftDynamics(body, terrain=BOXES)
+    with pytest.raises(octo.errors.ModelError, match="World"):
+        on_world.symbolic  # noqa: B018
     with pytest.raises(octo.errors.ModelError, match="50 vertices"):
         soft.SoftDynamics(body).symbolic  # noqa: B018
     assert soft.SoftDynamics(replace(body, modes=body.modes), actuated=[2]).nu == 1
