@@ -70,6 +70,24 @@ class Surface:
         return step, vertex
 
 
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """Vertices that are near the ground along a motion, C of them.
+
+    Attributes
+    ----------
+    step: (C,) i, of x_i to x_{i+1}. vertex: (C,) which of the body's points.
+    place: (C, 3) m, world, at x_{i+1}. depth: (C,) m, inside the ground where it is positive.
+    force: (C, 3) N on the body, world axes.
+    """
+
+    step: NDArray[np.intp]
+    vertex: NDArray[np.intp]
+    place: Array
+    depth: Array
+    force: Array
+
+
 class Contacts:
     """Those that are near the ground at x_next, one row each: C of them.
 
@@ -89,11 +107,11 @@ class Contacts:
         lam: Array | None = None,
     ):
         self.steps = len(window[0].place)
-        self.step, vertex = surface.touching(window[0], p)
-        self.shapes = surface.shapes[vertex]  # (C, K, 3)
+        self.step, self.vertex = surface.touching(window[0], p)
+        self.shapes = surface.shapes[self.vertex]  # (C, K, 3)
         self.at, self.now = (_rows(node, self.step) for node in window)
         places = [_place(node, self.shapes) for node in (self.at, self.now)]
-        delta, count = np.zeros((len(self.step), 3)), len(self.step)
+        self.place, delta, count = places[0], np.zeros((len(self.step), 3)), len(self.step)
         if along is not None and lam is not None:
             self.along, self.lam = along_rows(along, self.step), lam[self.step]
             self.delta_slope = self._along_slopes()

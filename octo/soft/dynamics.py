@@ -10,17 +10,17 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import Array
+from octo.checks import Array, numbers
 from octo.dynamics.evaluate import Dynamics, check_surroundings
 from octo.dynamics.laws import ContactLaw, Smooth
 from octo.dynamics.parameters import Layout, bound, section, unbound
-from octo.errors import ModelError, ProblemError, said
+from octo.errors import ModelError, ProblemError, ShapeError, said
 from octo.model.chart import Chart
 from octo.model.quantities import GRAVITY
 from octo.model.terrain import Ground, Plane, World, own_parameters, signed_distance
 from octo.soft import codegen, inertia, stages
 from octo.soft.body import Body
-from octo.soft.contact import Contacts, Surface
+from octo.soft.contact import Contacts, Surface, Touches
 from octo.soft.moments import Moments
 from octo.soft.nodes import Nodes, Turns
 from octo.soft.rest import at_rest
@@ -136,6 +136,24 @@ class SoftDynamics(Dynamics):
         values = section(self.layout.named(p), "terrain.")
         x[2] = -float(signed_distance(self.terrain, self.body.points, values).min())
         return at_rest(self, p, x, self.body.name)
+
+    def touches(self, x: Array, p: Array) -> Touches:
+        """The vertices that are near the ground along a motion, and the forces on them.
+
+        Parameters
+        ----------
+        x: (N+2, n) m, rad and kg^½ m, x_{-1}, x_0 … x_N; ``solution.x`` and ``motion.x`` are such.
+        p: (NP,); ``problem.p`` is such.
+        """
+        x = numbers("x", x)
+        if x.ndim != 2 or x.shape[1] != self.nx or len(x) < 3:
+            raise ShapeError("x", x.shape, f"(N+2, {self.nx})")
+        turn, _, surface = self._stages
+        nodes, own = Nodes.of(self.moments, turn, x), self.bound(p)
+        found = Contacts(surface, (nodes[2:], nodes[1:-1]), own, 0)
+        values = section(self.layout.named(p), "terrain.")
+        depth = -signed_distance(surface.world(own) or self.terrain, found.place, values)
+        return Touches(found.step, found.vertex, found.place, depth, found.force)
 
     def length(self, start: Array) -> float:
         """m, how high the frame is above the lowest vertex at ``start`` (n,); at least 1 % of the

@@ -114,6 +114,12 @@ def test_a_drop_changes_momentum_by_the_impulse_and_loses_energy() -> None:
     force = ca.Function("force", [place, before], [inside])
     for i in range(len(forces)):
         forces[i] = np.asarray(force(at[i + 2].T, at[i + 1].T)).sum(axis=1)
+    found = dynamics.touches(motion.x, dynamics.layout.pack(dt=motion.dt))
+    total = np.zeros_like(forces)
+    np.add.at(total, found.step, found.force)
+    np.testing.assert_allclose(total, forces, atol=1e-9)
+    np.testing.assert_allclose(found.place, at[found.step + 2, found.vertex], atol=1e-12)
+    np.testing.assert_allclose(found.depth, -found.place[:, 2], atol=1e-12)
     linear, _ = momenta(dynamics, motion)
     weight = np.array([0.0, 0.0, -body.mass * G])
     np.testing.assert_allclose(np.diff(linear, axis=0), motion.dt * (forces + weight), atol=1e-7)
