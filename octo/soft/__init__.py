@@ -5,7 +5,18 @@ from octo.soft.body import Body
 from octo.soft.dynamics import SoftDynamics
 from octo.soft.gallery import ball, beam
 from octo.soft.model import Model
+from octo.soft.read import load_mesh
 from octo.soft.shapes import ball_mesh, beam_mesh
 from octo.soft.tetrahedra import Tetrahedra
 
-__all__ = ["Body", "Model", "SoftDynamics", "Tetrahedra", "ball", "ball_mesh", "beam", "beam_mesh"]
+__all__ = [
+    "Body",
+    "Model",
+    "SoftDynamics",
+    "Tetrahedra",
+    "ball",
+    "ball_mesh",
+    "beam",
+    "beam_mesh",
+    "load_mesh",
+]

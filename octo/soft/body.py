@@ -107,7 +107,7 @@ class Body:
         damping: (alpha, beta) 1/s and s, Rayleigh's; one of frequency f has the share
             alpha/(4πf) + πf·beta of the critical damping.
         scale: metres of what a file or points are in: 0.001 for millimetres.
-        edge: m, of the elements that a surface is filled with; an eighth of its longest edge
+        edge: m, of the elements that a surface is filled with; a sixth of its longest edge
             without one.
         name: the file's without one.
 

@@ -15,7 +15,7 @@ from octo.checks import Array
 from octo.errors import ProblemError, UsageError, said
 from octo.soft.material import Material
 from octo.soft.model import Model
-from octo.soft.read import tetrahedra_of
+from octo.soft.read import load_mesh
 from octo.soft.tetrahedra import Tetrahedra
 
 LOG = logging.getLogger("octo")
@@ -33,7 +33,7 @@ def solid_of(mesh: Any, scale: float | None, edge: float | None, name: str | Non
         return Tetrahedra(mesh.nodes, mesh.cells, name=name)
     unit = 1.0 if scale is None else scale
     if isinstance(mesh, (str, os.PathLike)):
-        return tetrahedra_of(Path(mesh), unit, edge, name)
+        return load_mesh(mesh, scale=unit, edge=edge, name=name)
     if not isinstance(mesh, (tuple, list)) or len(mesh) != 2:
         raise ProblemError(
             f"mesh is {said(mesh)}, must be a file's path, (points, tetrahedra) or a Tetrahedra"

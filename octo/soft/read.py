@@ -4,120 +4,81 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from octo.checks import Array, positive
-from octo.errors import MissingExtraError, ModelError, RobotFileError, UsageError
+from octo.checks import Array
+from octo.errors import RobotFileError, UsageError, said
 from octo.files import is_file, reason
 from octo.soft.assembly import library
-from octo.soft.tetrahedra import SIZES, Tetrahedra
+from octo.soft.fill import filled
+from octo.soft.tetrahedra import Tetrahedra
 from octo.world.build import read
-from octo.world.closed import closed
 from octo.world.spline import Indices
-from octo.world.surface import edges_of
-from octo.world.units import check_size
 
 SURFACES = (".stl", ".obj", ".ply", ".glb", ".gltf", ".off")  # read by trimesh
 SOLIDS = (".msh", ".vtk", ".vtu", ".mesh", ".bdf", ".nas", ".inp", ".med", ".xdmf")  # by meshio
 ENDINGS = (*SOLIDS, *SURFACES)
+OTHERS = ("hexahedron", "wedge", "pyramid", "tetra14", "tetra20", "tetra35")  # kinds of elements
 # which of meshio's readers, in this order, where an ending is of several
 KINDS: dict[str, tuple[str | None, ...]] = {".msh": ("gmsh", "ansys")}
-ALONG = 8  # elements along the longest edge of a surface that is filled, where none is asked for
-QUALITY = 1.5  # most radius of an element's sphere to its shortest edge
 
 
-def tetrahedra_of(
-    path: Path, scale: float = 1.0, edge: float | None = None, name: str | None = None
+def load_mesh(
+    path: str | os.PathLike[str],
+    *,
+    scale: float = 1.0,
+    edge: float | None = None,
+    name: str | None = None,
 ) -> Tetrahedra:
-    """The tetrahedra of a file; its surface filled with them where it has none.
+    """The tetrahedra of a file; where it has a closed surface only, that is filled with them.
 
     Parameters
     ----------
-    path: one of ENDINGS, or what else meshio reads.
-    scale: metres of what the file is in.
-    edge: m, of the elements that a surface is filled with; an eighth of its longest edge without
+    path: .msh, .vtk and what else meshio reads; .stl, .obj, .ply, .glb or .off.
+    scale: metres of what the file is in: 0.001 for millimetres.
+    edge: m, of the elements that a surface is filled with; a sixth of its longest edge without
         one.
     name: the file's without one.
+
+    Raises
+    ------
+    RobotFileError: a file that is missing, or no mesh. ModelError: a mesh that is open, inverted,
+        flat or more than one piece. ValueRangeError: a size that only other units explain.
+        MissingExtraError: the extra ``soft``, or ``mesher`` for a surface, is not installed.
     """
-    name = path.stem if name is None else name
-    if not is_file(path):
-        raise RobotFileError(f"mesh file {str(path)!r} is not there")
-    if path.suffix.lower() in SURFACES:
-        vertices, faces = read(path)
-    else:
-        points, cells = _of_meshio(path)
-        whole = [np.asarray(block) for kind, block in cells if kind in ("tetra", "tetra10")]
-        flat = [np.asarray(block) for kind, block in cells if kind == "triangle"]
-        if whole:
-            if edge is not None:
-                raise UsageError(f"edge is given, but {path.name} has tetrahedra already")
-            if len({block.shape[1] for block in whole}) > 1:
-                whole = [block[:, :4] for block in whole]
-            return Tetrahedra(points, np.concatenate(whole), scale, name)
-        if not flat:
-            kinds = ", ".join(sorted({kind for kind, _ in cells})) or "nothing"
-            raise RobotFileError(
-                f"mesh file {str(path)!r} has {kinds}, must have tetrahedra, or the triangles of a "
-                "closed surface"
-            )
-        vertices, faces = points, np.concatenate(flat).astype(np.int64)
-    return filled(vertices, faces, scale, edge, name)
-
-
-def filled(
-    vertices: Array, faces: Indices, scale: float, edge: float | None, name: str
-) -> Tetrahedra:
-    """A closed surface filled with tetrahedra by TetGen.
-
-    Parameters
-    ----------
-    vertices: (n, 3), ``scale`` m each.
-    faces: (m, 3).
-    edge: m, about, of the elements; None: an eighth of the longest edge.
-    """
-    label = f"mesh {name!r}"
-    scale = positive(f"scale of {label}", scale)
-    vertices, faces = closed(vertices, faces, label, scale, "close it")
-    _check_one(label, faces)
-    vertices = scale * vertices
-    spans = np.ptp(vertices, axis=0)
-    check_size(label, spans, scale, SIZES)
-    longest = float(spans.max())
-    edge = longest / ALONG if edge is None else positive("edge", edge, "m")
-    try:
-        tetgen = library("tetgen", "")
-    except MissingExtraError:
-        raise MissingExtraError(f"filling the surface {name!r} with tetrahedra", "mesher") from None
-    try:
-        with contextlib.redirect_stdout(io.StringIO()):
-            points, elements = tetgen.TetGen(vertices, faces.astype(np.int32)).tetrahedralize(
-                order=1,
-                minratio=QUALITY,
-                fixedvolume=True,
-                maxvolume=edge**3 / (6.0 * np.sqrt(2.0)),  # m³, of a regular one
-            )[:2]
-    except Exception as error:  # RuntimeError, and others of its own
-        raise ModelError(
-            f"{label} cannot be filled with tetrahedra: {reason(error)}; does it cut itself?"
-        ) from error
-    return Tetrahedra(np.asarray(points), np.asarray(elements), name=name)
-
-
-def _check_one(label: str, faces: Indices) -> None:
-    """Refuse a surface of more than one piece."""
-    ends = edges_of(faces)[0]
-    graph = coo_array((np.ones(len(ends)), tuple(ends.T)), shape=[int(faces.max()) + 1] * 2)
-    pieces = connected_components(graph, directed=False)[0]
-    if pieces > 1:
-        raise ModelError(
-            f"{label} is {pieces} pieces, closed surfaces that share no vertex: a body is one "
-            "piece, and one with a hollow must come as tetrahedra"
+    if not isinstance(path, (str, os.PathLike)):
+        raise UsageError(f"path is {said(path)}, must be a file's path")
+    file = Path(path)
+    name = file.stem if name is None else name
+    if not is_file(file):
+        raise RobotFileError(f"mesh file {str(file)!r} is not there")
+    if file.suffix.lower() in SURFACES:
+        return filled(*read(file), scale, edge, name)
+    points, cells = _of_meshio(file)
+    solid = _blocks(cells, "tetra", "tetra10")
+    others = sorted({kind for kind, _ in cells if kind.startswith(OTHERS)})
+    flat = _blocks(cells, "triangle")
+    if others or not (solid or flat):
+        has = ", ".join(others or sorted({kind for kind, _ in cells})) or "nothing"
+        raise RobotFileError(
+            f"mesh file {str(file)!r} has {has}, must have tetrahedra of 4 or 10 nodes, or the "
+            "triangles of a closed surface"
         )
+    if not solid:
+        return filled(points, np.concatenate(flat), scale, edge, name)
+    if edge is not None:
+        raise UsageError(f"edge is given, but {file.name} has tetrahedra already")
+    if len({block.shape[1] for block in solid}) > 1:
+        solid = [block[:, :4] for block in solid]
+    return Tetrahedra(points, np.concatenate(solid), scale, name)
+
+
+def _blocks(cells: list[tuple[str, Any]], *kinds: str) -> list[Indices]:
+    return [np.asarray(block, dtype=np.int64) for kind, block in cells if kind in kinds]
 
 
 def _of_meshio(path: Path) -> tuple[Array, list[tuple[str, Any]]]:

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from octo.checks import Array, numbers, positive
 from octo.errors import ModelError, ProblemError, ShapeError, said
-from octo.soft.quadratic import FACES, QUARTERS, TURNED, jacobians, volumes, with_middles
+from octo.soft.quadratic import EDGES, FACES, QUARTERS, TURNED, jacobians, volumes, with_middles
 from octo.world.shape import fixed
 from octo.world.spline import Indices
 from octo.world.units import check_size
@@ -27,7 +27,7 @@ class Tetrahedra:
     """A solid as tetrahedra of ten nodes: corners and a node on each edge.
 
     Elements of four corners get the middles of their edges. Points at one place become one, points
-    of no element are left out; so ``points`` and ``elements`` are not those that were given.
+    of no element are left out; so ``points``, in m, and ``elements`` are not those that were given.
 
     Parameters
     ----------
@@ -61,6 +61,8 @@ class Tetrahedra:
         _check_faces(self.label, elements)
         if elements.shape[1] == 4:
             points, elements = with_middles(points, elements)
+        else:
+            _check_middles(self.label, elements)
         bent = np.flatnonzero((jacobians(points, elements) <= 0.0).any(axis=1))
         if len(bent):
             raise ModelError(
@@ -69,7 +71,7 @@ class Tetrahedra:
             )
         for name, value in (("points", fixed(points)), ("elements", fixed(elements))):
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "scale", scale)
+        object.__setattr__(self, "scale", 1.0)
 
     @property
     def label(self) -> str:
@@ -160,6 +162,20 @@ def _merged(points: Array, elements: Indices) -> tuple[Array, Indices]:
     elements = place[to.reshape(-1)][elements]
     used, own = np.unique(elements, return_inverse=True)
     return points[np.sort(first)][used], own.reshape(elements.shape)
+
+
+def _check_middles(label: str, elements: Indices) -> None:
+    """Refuse elements of ten nodes that are not joined: each edge has one node for all of them."""
+    ends = np.sort(elements[:, EDGES].reshape(-1, 2), axis=1)
+    edges, first, which = np.unique(ends, axis=0, return_index=True, return_inverse=True)
+    middles = elements[:, 4:].ravel()
+    apart = np.flatnonzero(middles != middles[first][which.reshape(-1)])
+    shared = len(np.unique(middles)) < len(edges) or np.isin(middles, elements[:, :4]).any()
+    where = ""
+    if len(apart):
+        where = f"; element {apart[0] // len(EDGES)} has another than its neighbour"
+    if len(apart) or shared:
+        raise ModelError(f"{label}: each edge of its elements must have one node of its own{where}")
 
 
 def _check_faces(label: str, elements: Indices) -> None:

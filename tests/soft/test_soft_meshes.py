@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import logging
 import subprocess
 import sys
 from collections.abc import Callable
@@ -169,6 +171,29 @@ def test_edges_that_bend_too_far_are_inverted() -> None:
         soft.Tetrahedra(nodes, mesh.cells)
 
 
+def test_elements_of_ten_nodes_that_are_not_joined() -> None:
+    """A node of an edge that two elements share, doubled and moved for one of them; and two edges
+    with one node."""
+    mesh = soft.ball_mesh(0.2, 1)
+    cells = mesh.cells.copy()
+    edge = cells[0, 4]
+    nodes = np.concatenate([mesh.nodes, mesh.nodes[edge : edge + 1] + 0.01])
+    cells[0, 4] = len(mesh.nodes)
+    with pytest.raises(ModelError, match="one node of its own; element [1-7] has another than its"):
+        soft.Tetrahedra(nodes, cells)
+    cells[cells == edge] = cells[0, 5]
+    cells[0, 4] = cells[0, 5]
+    with pytest.raises(ModelError, match="each edge of its elements must have one node of its own"):
+        soft.Tetrahedra(mesh.nodes, cells)
+
+
+def test_a_mesh_is_in_metres_once_it_is_made() -> None:
+    mesh = soft.ball_mesh(0.2, 1)
+    made = soft.Tetrahedra(1000.0 * mesh.nodes, mesh.cells, scale=0.001)
+    again = dataclasses.replace(made, name="again")
+    np.testing.assert_allclose(again.nodes, mesh.nodes, atol=1e-15)
+
+
 def test_points_of_no_element_and_points_at_one_place() -> None:
     points, cells = block()
     doubled = np.concatenate([points, points, [[50.0, 0.0, 0.0]]])
@@ -237,8 +262,16 @@ def test_files_that_are_no_mesh(tmp_path: Path) -> None:
             soft.Body.from_mesh(written(tmp_path / name, text))
     lines = tmp_path / "lines.vtk"
     meshio.Mesh(points, [("line", [[0, 1], [1, 2]])]).write(lines)
-    with pytest.raises(RobotFileError, match="has line, must have tetrahedra, or the triangles of"):
+    words = "must have tetrahedra of 4 or 10 nodes, or the triangles of a closed surface"
+    with pytest.raises(RobotFileError, match=f"has line, {words}"):
         soft.Body.from_mesh(lines)
+    both = tmp_path / "both.vtk"
+    blocks = [("tetra", block()[1]), ("hexahedron", [np.arange(8)])]
+    meshio.Mesh(points, blocks).write(both)
+    with pytest.raises(RobotFileError, match=f"has hexahedron, {words}"):
+        soft.Body.from_mesh(both)
+    with pytest.raises(UsageError, match="path is 3, must be a file's path"):
+        soft.load_mesh(3)  # type: ignore[arg-type]
 
 
 def test_what_cannot_be_read_is_not_printed_by_others(tmp_path: Path) -> None:
@@ -281,6 +314,24 @@ def test_a_closed_surface_is_filled(ending: str, tmp_path: Path) -> None:
     finer = soft.Body.from_mesh(path, 3, density=500.0, edge=0.04)
     assert finer.elements > made.elements
     np.testing.assert_allclose(finer.frequencies, made.frequencies, rtol=0.02)
+
+
+def test_a_fine_surface_is_thinned_and_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    pytest.importorskip("tetgen"), pytest.importorskip("fast_simplification")
+    trimesh = pytest.importorskip("trimesh")
+    path = tmp_path / "pill.ply"
+    trimesh.creation.capsule(height=0.3, radius=0.05, count=[40, 40]).export(path)
+    with caplog.at_level(logging.WARNING, "octo"):
+        made = soft.Body.from_mesh(path, 3, young=4e4, density=250.0)
+    (line,) = (record.getMessage() for record in caplog.records)
+    assert line.startswith("mesh 'pill': its surface of 3200 triangles is made of 600, which takes")
+    edge = float(line.partition("edge = ")[2].partition(" m ")[0])
+    finer = soft.load_mesh(path, edge=edge)
+    assert 1.8 < len(finer.surface[0]) / len(made.points) < 2.2
+    assert made.elements < 5000
+    assert made.mass == pytest.approx(250.0 * np.pi * 0.05**2 * (0.3 + 4.0 / 3.0 * 0.05), rel=0.02)
 
 
 def test_surfaces_that_cannot_be_filled(tmp_path: Path) -> None:
