@@ -99,5 +99,5 @@ def _tables(body: Body, terrain: Ground, layout: Layout) -> tuple[list[str], dic
     if isinstance(terrain, World):
         sizes |= {"WORLD": layout.index(ADDRESS), "JET": SIZES[-1]}
     n, K = 6 + count, 1 + count
-    sizes["WORK"] = 76 * K + n * n + 24 * n + 380  # octo_step_work
+    sizes["WORK"] = 76 * K + n * n + 15 * n + 380  # octo_step_work
     return made, sizes

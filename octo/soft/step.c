@@ -58,8 +58,7 @@ typedef struct {
   double reach;        /* m, of the contact law */
 #endif
   int entry; /* the vertex that is being evaluated, among those of the tree */
-  real J[3][NX], before[3][NX], delta[3]; /* ∂P/∂x of the next node and of now; J λ */
-  real left[9][NX], right[9][NX];         /* J, −∂δ, −f_c J, and what they are multiplied by: last ∂δ */
+  real left[6][NX], before[3][NX], right[6][NX], delta[3]; /* J = ∂P/∂x and −∂δ; J' of now; what these are multiplied by; J λ */
 } octo_work;
 
 /* Σ_ij A_ij B_ij: of reals or of a table's numbers. */

@@ -72,7 +72,7 @@ static inline void octo_times(const real *A, int wide, double sign, const real (
 /* out += leftᵀ right, ``count`` rows each, which is constant where this is called; columns from the diagonal on, or all. */
 INTO void octo_add_product_of(int count, const real (*left)[NX], const real (*right)[NX], int half, real *__restrict__ out, int stride) {
   for (int i = 0; i < NX; ++i) {
-    real own[9];
+    real own[6];
     for (int c = 0; c < count; ++c) own[c] = left[c][i];
     for (int j = half ? i : 0; j < NX; ++j) {
       real sum = out[i * stride + j];
@@ -82,16 +82,16 @@ INTO void octo_add_product_of(int count, const real (*left)[NX], const real (*ri
   }
 }
 
-/* δ = J λ and ∂δ/∂x_next. */
+/* δ = J λ and −∂δ/∂x_next. */
 static inline void octo_displaced(const octo_input *in, octo_work *s, const real *y, const double *shapes) {
   const real *kin = in->kin[0];
   real bent[3];
   octo_shaped(s->modal, shapes, bent);
-  octo_slopes(s->along, y, shapes, s->right + 6);
+  octo_slopes(s->along, y, shapes, s->left + 3);
   for (int i = 0; i < 3; ++i) {
     s->delta[i] = in->lam[i] + ROW(s->along, i, y) + ROW(kin, i, bent);
-    for (int a = 0; a < 3; ++a) s->right[6 + i][3 + a] += ROW(SLOPE(kin, a), i, bent);
-    for (int j = 0; j < 3; ++j) s->right[6 + i][j] = ZERO;
+    for (int a = 0; a < 3; ++a) s->left[3 + i][3 + a] += ROW(SLOPE(kin, a), i, bent);
+    for (int j = 0; j < NX; ++j) s->left[3 + i][j] = j < 3 ? ZERO : -s->left[3 + i][j];
   }
 }
 
@@ -102,12 +102,6 @@ static inline void octo_add_outer(const real *force, const double *shapes, real 
 
 /* What a contact adds to H beside the forces' and the pulls' share; h (6, 6). */
 APART void octo_vertex_curvature(octo_work *s, const real *slopes, const real *h, real *hess) {
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < NX; ++j) {
-      s->left[i][j] = s->J[i][j];
-      s->left[3 + i][j] = -s->right[6 + i][j];
-      s->right[3 + i][j] = -s->left[6 + i][j];
-    }
   for (int node = 0; node < 2; ++node) {
     real pull[3];
     for (int j = 0; j < 3; ++j) {
@@ -116,9 +110,13 @@ APART void octo_vertex_curvature(octo_work *s, const real *slopes, const real *h
     }
     octo_add_outer(pull, octo_entry + (size_t)s->entry * ENTRY, s->pull[node]);
   }
-  /* ∂²(−δ·f): left holds J, −∂δ and −f_c J already, right the others of their products */
-  octo_times(h, 6, 1.0, s->J, s->right);
-  octo_add_product_of(9, s->left, s->right, 1, hess, NX);
+  /* ∂²(−δ·f): left is J and −∂δ, right h_cc J − f_cᵀ∂δ and f_c J, then h_cU J' and f_U J' */
+  octo_times(h, 6, 1.0, s->left, s->right);
+  octo_times(slopes, 3, 1.0, s->left, s->right + 3);
+  for (int i = 0; i < 3; ++i)
+    for (int j = 3; j < NX; ++j)
+      s->right[i][j] += slopes[i] * s->left[3][j] + slopes[3 + i] * s->left[4][j] + slopes[6 + i] * s->left[5][j];
+  octo_add_product_of(6, s->left, s->right, 1, hess, NX);
   octo_times(h + 3, 6, 1.0, s->before, s->right);
   octo_times(slopes + 9, 3, 1.0, s->before, s->right + 3);
   octo_add_product_of(6, s->left, s->right, 0, hess + NX * NX, NX);
@@ -151,12 +149,12 @@ APART void octo_vertex(const octo_input *in, octo_work *s, octo_mask active, con
   octo_add_outer(force, shapes, s->F);
   if (in->order == 0) return;
   for (int e = 0; e < 18; ++e) slopes[e] = KEPT(active, slopes[e]);
-  octo_slopes(in->kin[0], y, shapes, s->J);
+  octo_slopes(in->kin[0], y, shapes, s->left);
   octo_slopes(in->kin[1], y_now, shapes, s->before);
-  octo_times(slopes, 3, -1.0, s->J, s->left + 6);
+  octo_times(slopes, 3, -1.0, s->left, s->right);
+  octo_add_product_of(3, s->left, s->right, 0, jac, 3 * NX);
   octo_times(slopes + 9, 3, -1.0, s->before, s->right);
-  octo_add_product_of(3, s->J, s->left + 6, 0, jac, 3 * NX);
-  octo_add_product_of(3, s->J, s->right, 0, jac + NX, 3 * NX);
+  octo_add_product_of(3, s->left, s->right, 0, jac + NX, 3 * NX);
   if (in->order == 1) return;
   for (int e = 0; e < 36; ++e) h[e] = KEPT(active, h[e]);
   octo_vertex_curvature(s, slopes, h, hess);
