@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from octo.checks import Array, numbers
 from octo.dynamics.evaluate import Dynamics, check_surroundings
-from octo.dynamics.laws import ContactLaw, Smooth
+from octo.dynamics.laws import ContactLaw, Smooth, Viscous
 from octo.dynamics.parameters import Layout, bound, section, unbound
 from octo.errors import ModelError, ProblemError, ShapeError, said
 from octo.model.chart import Chart
@@ -39,7 +39,8 @@ class SoftDynamics(Dynamics):
     Parameters
     ----------
     body: what deforms.
-    law: the contact law; octo.laws.Smooth by default.
+    law: the contact law; by default an octo.laws.Smooth in proportion to the body: lying on one
+        vertex in 25 it sinks by 2.5 % of its size.
     terrain: an octo.Plane (the default), an octo.Terrain or an octo.World.
     actuated: which modes have motors, counted from 0; all by default.
     chart: "zyx" or "zxy".
@@ -67,7 +68,7 @@ class SoftDynamics(Dynamics):
         if chart not in CHARTS:
             raise ProblemError(f"chart is {said(chart)}, must be zyx or zxy")
         self.body, self.chart = body, chart
-        self.law: ContactLaw = Smooth() if law is None else law
+        self.law: ContactLaw = usual_law(body) if law is None else law
         self.terrain: Ground = Plane() if terrain is None else terrain
         self.moments = Moments.of(body)
         count = body.modes.shape[1]
@@ -275,6 +276,19 @@ class _Steps:
         made[:, 1, :, 1] = now.bent(-2.0 * pull + at_now) + touch[2]
         made[:, 2, :, 2] = old.bent(pull)
         return made.reshape(len(lam), 3 * n, 3 * n)
+
+
+SUNK = 0.025  # of the body's size: 1 cm of a ball of 40 cm
+CARRYING = 25  # one vertex in so many carries a body that lies on a plane, about
+SLIDING = 10.0  # s/m, w_par/w_perp
+
+
+def usual_law(body: Body) -> Smooth:
+    """Eq. 6 in proportion to the body."""
+    depth = SUNK * float(np.ptp(body.points, axis=0).max())
+    carrying = max(4.0, len(body.points) / CARRYING)
+    w = body.mass * GRAVITY / depth**2 / carrying
+    return Smooth(w, depth, Viscous(SLIDING * w))
 
 
 def _parameters(body: Body, law: ContactLaw, terrain: Ground) -> dict[str, float]:
