@@ -16,7 +16,7 @@ from octo.soft.read import ENDINGS
 
 SHAPES: dict[str, Callable[..., Body]] = {"ball": ball, "beam": beam}
 RATES: dict[str, type] = {"alpha": float, "beta": float}  # of the damping
-OF_FILES: dict[str, type] = RATES | {"modes": int}
+OF_FILES: dict[str, type] = RATES | {"modes": int, "elasticity": str}
 OF_FILES |= dict.fromkeys(("young", "poisson", "density", "scale", "edge"), float)
 
 
@@ -35,7 +35,9 @@ def body_of(word: str) -> Body:
     name = _shape(word)
     if name is not None:
         fields = inspect.signature(SHAPES[name]).parameters.values()
-        known = {p.name: type(p.default) for p in fields if isinstance(p.default, int | float)}
+        known = {
+            p.name: type(p.default) for p in fields if isinstance(p.default, int | float | str)
+        }
         given = values_of(f"soft body {name!r}", word.partition(":")[2], known | RATES)
         return SHAPES[name](**_damped(given))
     path, sizes = _file(word)

@@ -37,7 +37,7 @@ def assembled(mesh: Tetrahedra, material: Material) -> tuple[Any, Any]:
     the second; and the mass (n, n) kg of one coordinate, which is that of all three. Both sparse.
     """
     skfem = library("skfem", "a soft body")
-    shape, order = _placed(skfem, mesh)
+    shape, order = placed(skfem, mesh)
     back = np.argsort(order)
 
     def basis(degree: int) -> Any:
@@ -68,7 +68,7 @@ def assembled(mesh: Tetrahedra, material: Material) -> tuple[Any, Any]:
     return stiffness[inner][:, inner], sp.csr_array(material.density * mass)
 
 
-def _placed(skfem: Any, mesh: Tetrahedra) -> tuple[Any, Indices]:
+def placed(skfem: Any, mesh: Tetrahedra) -> tuple[Any, Indices]:
     """The mesh as scikit-fem has it, and which of the nodes each of its own is."""
     corners, own = np.unique(mesh.cells[:, :4], return_inverse=True)
     straight = skfem.MeshTet1(

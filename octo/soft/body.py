@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from octo.checks import Array, numbers, whole
+from octo.checks import Array, numbers, one_of, whole
 from octo.errors import ProblemError, ShapeError, ValueRangeError, said
-from octo.soft.build import kept, solid_of
+from octo.soft import stvk as law_of
+from octo.soft.build import ELASTICITY, kept, solid_of
 from octo.soft.material import Material
 from octo.world.shape import fixed
 from octo.world.spline import Indices
@@ -44,6 +45,8 @@ class Body:
     damping: (alpha, beta) 1/s and s, Rayleigh's: of z it is alpha + beta·Λ.
     young, poisson, density: Pa, –, kg/m³; of what it was made.
     elements, nodes: how many the full model has.
+    stvk: (m, m), m = r + r (r + 1)/2, or None: linear elasticity. The elastic energy of St.
+        Venant–Kirchhoff is ½ wᵀ(·)w, w = (z, z_i z_j in rows of the upper triangle).
 
     Raises
     ------
@@ -62,6 +65,7 @@ class Body:
     density: float
     elements: int
     nodes: int
+    stvk: Array | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -72,6 +76,8 @@ class Body:
         size = 3 * r + 4
         shapes: dict[str, tuple[int, ...]] = {"points": (count, 3), "modes": (count, r, 3)}
         shapes |= {"inertia": (size, size), "stiffness": (r, r)}
+        if self.stvk is not None:
+            shapes["stvk"] = (r + r * (r + 1) // 2,) * 2
         for name, shape in shapes.items():
             value = numbers(f"{name} of {self.name}", getattr(self, name), shape)
             object.__setattr__(self, name, fixed(value))
@@ -88,6 +94,7 @@ class Body:
         poisson: float = POISSON,
         density: float = DENSITY,
         damping: ArrayLike = DAMPING,
+        elasticity: str = "linear",
         scale: float | None = None,
         edge: float | None = None,
         name: str | None = None,
@@ -106,6 +113,7 @@ class Body:
         density: kg/m³.
         damping: (alpha, beta) 1/s and s, Rayleigh's; one of frequency f has the share
             alpha/(4πf) + πf·beta of the critical damping.
+        elasticity: "linear", or "stvk", St. Venant–Kirchhoff's, which gets stiffer as it bends.
         scale: metres of what a file or points are in: 0.001 for millimetres.
         edge: m, of the elements that a surface is filled with; a sixth of its longest edge
             without one.
@@ -119,9 +127,11 @@ class Body:
             installed.
         """
         material = Material(young, poisson, density)
-        rayleigh, count = _damping(damping), whole("modes", modes, 1, MOST)
+        rayleigh = _damping(damping)
+        count = whole("modes", modes, 1, law_of.MOST if elasticity == "stvk" else MOST)
+        law = one_of("elasticity", elasticity, ELASTICITY)
         solid = solid_of(mesh, scale, edge, name)
-        made: dict[str, Any] = kept(solid, material, count)
+        made: dict[str, Any] = kept(solid, material, count, law)
         body = cls(
             solid.name,
             faces=solid.surface[1],
@@ -194,6 +204,40 @@ class Body:
         """
         own = numbers("z", z, (self.modes.shape[1],))
         return np.asarray(self.points + np.einsum("prk,r->pk", self.modes, own))
+
+    def energy(self, z: ArrayLike) -> float:
+        """The elastic energy (J) at z.
+
+        Parameters
+        ----------
+        z: (r,) kg^½ m, of the modes.
+        """
+        own = numbers("z", z, (self.modes.shape[1],))
+        if self.stvk is None:
+            return float(0.5 * own @ self.stiffness @ own)
+        return law_of.energy(self.stvk, own)
+
+    def elastic_force(self, z: ArrayLike) -> Array:
+        """What the elastic energy grows by with each coordinate (r,) at z, N kg^-½.
+
+        Parameters
+        ----------
+        z: (r,) kg^½ m, of the modes.
+        """
+        own = numbers("z", z, (self.modes.shape[1],))
+        return np.asarray(
+            self.stiffness @ own if self.stvk is None else law_of.force(self.stvk, own)
+        )
+
+    def elastic_tangent(self, z: ArrayLike) -> Array:
+        """What the elastic force grows by with each coordinate (r, r) at z, rad²/s².
+
+        Parameters
+        ----------
+        z: (r,) kg^½ m, of the modes.
+        """
+        own = numbers("z", z, (self.modes.shape[1],))
+        return self.stiffness if self.stvk is None else law_of.tangent(self.stvk, own)
 
 
 def _damping(value: ArrayLike) -> tuple[float, float]:

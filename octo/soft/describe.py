@@ -30,6 +30,7 @@ def described(body: Body) -> dict[str, Any]:
         "young": body.young,
         "poisson": body.poisson,
         "density": body.density,
+        "elasticity": "linear" if body.stvk is None else "stvk",
         "damping": list(body.damping),
         "frequencies": body.frequencies.tolist(),
         "damping_ratios": body.damping_ratios.tolist(),
@@ -42,6 +43,7 @@ def described(body: Body) -> dict[str, Any]:
 def table(body: Body) -> str:
     """A line for each, then one for each mode."""
     alpha, beta = body.damping
+    law = "linear" if body.stvk is None else "St. Venant–Kirchhoff"
     size = " × ".join(f"{span:.4g}" for span in body.size)
     lines = [
         f"name      {body.name}, a soft body",
@@ -51,7 +53,7 @@ def table(body: Body) -> str:
         f"elements  {body.elements} quadratic tetrahedra, {body.nodes} nodes",
         f"surface   {len(body.points)} points, {len(body.faces)} triangles",
         f"material  young {body.young:g} Pa, poisson {body.poisson:g}, density {body.density:g} "
-        "kg/m³",
+        f"kg/m³, {law}",
         f"damping   {alpha:g} 1/s of the mass, {beta:g} s of the stiffness",
         f"sag       {1e3 * body.sag:.3g} mm, about, under its own weight",
         "",

@@ -16,6 +16,7 @@ def ball(
     poisson: float = 0.4,
     density: float = 250.0,
     damping: ArrayLike = DAMPING,
+    elasticity: str = "linear",
     divisions: int = 6,
 ) -> Body:
     """A ball of soft foam: 8.4 kg, ten modes of 7.5 to 8 Hz, 578 points on its surface.
@@ -23,7 +24,7 @@ def ball(
     Parameters
     ----------
     radius: m.
-    modes, young, poisson, density, damping: as of ``Body.from_mesh``.
+    modes, young, poisson, density, damping, elasticity: as of ``Body.from_mesh``.
     divisions: elements along a radius: 8·divisions³ in all, 16·divisions² + 2 points.
 
     Raises
@@ -37,6 +38,7 @@ def ball(
         poisson=poisson,
         density=density,
         damping=damping,
+        elasticity=elasticity,
     )
 
 
@@ -50,6 +52,7 @@ def beam(
     poisson: float = 0.4,
     density: float = 250.0,
     damping: ArrayLike = DAMPING,
+    elasticity: str = "linear",
     divisions: tuple[int, int, int] = (16, 2, 2),
 ) -> Body:
     """A beam of foam along x: 1.5 kg, ten modes, 546 points on its surface.
@@ -57,7 +60,7 @@ def beam(
     Parameters
     ----------
     length, width, height: m, along x, y and z.
-    modes, young, poisson, density, damping: as of ``Body.from_mesh``.
+    modes, young, poisson, density, damping, elasticity: as of ``Body.from_mesh``.
     divisions: (3,) blocks along them, of six elements each.
 
     Raises
@@ -71,4 +74,5 @@ def beam(
         poisson=poisson,
         density=density,
         damping=damping,
+        elasticity=elasticity,
     )

@@ -47,13 +47,18 @@ class Model:
     def __post_init__(self) -> None:
         if not isinstance(self.mesh, Tetrahedra):
             raise ProblemError("mesh of a soft model must be a Tetrahedra")
-        Material(self.young, self.poisson, self.density)
+        _ = self.material  # checked
         size = 3.0 * len(self.mesh.nodes)
         room(f"factors of {self.mesh.label} with {len(self.mesh.cells)} elements", FILL * size**1.5)
 
     @cached_property
     def _matrices(self) -> tuple[Any, Any]:
-        return assembled(self.mesh, Material(self.young, self.poisson, self.density))
+        return assembled(self.mesh, self.material)
+
+    @property
+    def material(self) -> Material:
+        """What it is made of."""
+        return Material(self.young, self.poisson, self.density)
 
     @property
     def nodes(self) -> Array:

@@ -42,6 +42,8 @@ def test_json_and_sizes(capsys: pytest.CaptureFixture[str]) -> None:
     assert found["frequencies"] == pytest.approx(list(made.frequencies))
     assert found["damping_ratios"] == pytest.approx(list(made.damping_ratios))
     assert found["units"]["frequency"] == "Hz"
+    assert found["elasticity"] == "linear"
+    assert "St. Venant–Kirchhoff" in said(capsys, "ball:divisions=2,modes=2,elasticity=stvk")
 
 
 def test_a_mesh_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
