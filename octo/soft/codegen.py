@@ -22,9 +22,11 @@ from octo.soft import stages
 from octo.soft.body import Body
 from octo.soft.moments import Moments
 from octo.soft.near import spheres_of
+from octo.soft.stvk import products
 from octo.world import query
 from octo.world.jet import SIZES
 
+PAIRED = ("first_of", "second_of")  # z of each product
 CURVATURE = 5  # blocks of the curvature: a body has none of x and x_prev
 KIN = 9 * stages.TURNS + 3  # and 9 of each function φ_k
 
@@ -43,7 +45,7 @@ def body_text(
         functions.append(laws.gap(layout, law, terrain))
     functions += [laws.point(order, layout, law, terrain) for order in (0, 1, 2)]
     tables, sizes = _tables(body, terrain, layout)
-    common = [source("step.c"), source("touch.c")]
+    common = [source("step.c"), source("elastic.c"), source("touch.c")]
     if not lanes:
         sizes["KIN"] = 0
     head = [HEAD, codegen.macros(sizes), *tables]
@@ -90,9 +92,14 @@ def _tables(body: Body, terrain: Ground, layout: Layout) -> tuple[list[str], dic
     }
     made = [codegen.numbers_table(name, table) for name, table in numbers.items()]
     made.append(bits_table("entry", spheres.rows))
+    pairs = products(count) if body.stvk is not None else ((), ())
+    if body.stvk is not None:
+        made.append(bits_table("gram", body.stvk))
+    made += [codegen.integers(name, own) for name, own in zip(PAIRED, pairs, strict=True)]
     made += [codegen.integers("skip", spheres.skip), codegen.integers("member", spheres.member)]
     kin = KIN + 9 * (1 + count)
     sizes = {"NX": 6 + count, "NB": 0, "NC": 0, "NP": layout.size, "NSHAPE": 1 + count}
+    sizes["NPRODUCT"] = len(pairs[0])
     sizes |= {"NENTRY": len(spheres.skip), "CURVATURE": CURVATURE, "KIN": kin}
     places = {"DT": "dt", "GRAVITY": "gravity_x", "ELASTIC": "elastic.stiffness"}
     sizes |= {name: layout.index(parameter) for name, parameter in places.items()}

@@ -21,6 +21,7 @@ from octo.model.terrain import Ground, Plane, World, own_parameters, signed_dist
 from octo.soft import codegen, inertia, stages
 from octo.soft.body import Body
 from octo.soft.contact import Contacts, Surface, Touches
+from octo.soft.elastic import Elastic
 from octo.soft.moments import Moments
 from octo.soft.nodes import Nodes, Turns
 from octo.soft.rest import at_rest
@@ -206,12 +207,12 @@ class _Steps:
 
     def __init__(self, dynamics: SoftDynamics, x: Array, p: Array, order: int, lam: Array | None):
         turn, bend, surface = dynamics._stages
-        self.body, self.moments = dynamics.body, dynamics.moments
-        self.own = dynamics.layout.named(p)
-        self.dt, self.x, self.lam = self.own["dt"], x, lam
+        self.moments, own = dynamics.moments, dynamics.layout.named(p)
+        self.elastic = Elastic.of(dynamics.body, self.moments, own)
+        self.dt, self.x, self.lam = own["dt"], x, lam
         made = Nodes.of(self.moments, turn, x)
         self.window = made[2:], made[1:-1], made[:-2]
-        g = np.array([self.own[f"gravity_{axis}"] for axis in "xyz"])
+        g = np.array([own[f"gravity_{axis}"] for axis in "xyz"])
         self.forces = inertia.forces(self.moments, self.window, self.dt, g)
         self.along: Turns | None = None
         if lam is not None:
@@ -223,16 +224,8 @@ class _Steps:
     def value(self) -> Array:
         """FD (N, n)."""
         rows = self.forces.rows(self.window[0])
-        stiffness, damping = self._elastic()
-        z_next, z = self.x[2:, 6:], self.x[1:-1, 6:]
-        rows[:, 6:] += z_next @ stiffness.T + (z_next - z) @ damping.T
+        rows[:, 6:] += self.elastic.force(self.x[2:, 6:], self.x[1:-1, 6:])
         return rows
-
-    def _elastic(self) -> tuple[Array, Array]:
-        """The stiffness, and Rayleigh's damping over dt, (r, r) each."""
-        stiffness = self.own["elastic.stiffness"] * self.body.stiffness
-        damping = self.own["elastic.alpha"] * self.moments.modal
-        return stiffness, (damping + self.own["elastic.beta"] * stiffness) / self.dt
 
     def jacobian(self) -> Array:
         """(N, n, 3n)."""
@@ -244,9 +237,8 @@ class _Steps:
             own[:, :3] = inertia.moved(self.moments, node)
             blocks.append(factor / self.dt**2 * own)
         blocks[0] += next_.bent(self.forces.blocks)
-        stiffness, damping = self._elastic()
-        blocks[0][:, 6:, 6:] += stiffness + damping
-        blocks[1][:, 6:, 6:] -= damping
+        blocks[0][:, 6:, 6:] += self.elastic.tangent(self.x[2:, 6:]) + self.elastic.damping
+        blocks[1][:, 6:, 6:] -= self.elastic.damping
         for block, own in zip(blocks, self.contacts.jacobian(), strict=False):
             block += own
         return np.concatenate(blocks, axis=2)
@@ -271,6 +263,7 @@ class _Steps:
         made[:, 0, :, 0] = mixed[0] + mixed[0].swapaxes(1, 2) + touch[0]
         made[:, 0, :, 0] += next_.bent(pull + at_next)
         made[:, 0, :, 0] += inertia.curved(next_, along, lam, self.forces.blocks)
+        made[:, 0, 6:, 0, 6:] += self.elastic.curvature(self.x[2:, 6:], lam[:, 6:])
         made[:, 0, :, 1], made[:, 0, :, 2] = mixed[1] + touch[1], mixed[2]
         made[:, 1, :, 0], made[:, 2, :, 0] = (made[:, 0, :, k].swapaxes(1, 2) for k in (1, 2))
         made[:, 1, :, 1] = now.bent(-2.0 * pull + at_now) + touch[2]

@@ -124,20 +124,11 @@ APART void octo_forces(const octo_input *in, octo_work *s) {
 
 APART void octo_write_rows(const octo_input *in, octo_work *s, real *fd) {
   const real *kin = in->kin[0];
-  const double dt = in->p[DT], *own = in->p + ELASTIC; /* stiffness, alpha, beta */
   real G[9];
   octo_whole(s->weights[0], s->F[0], G);
   for (int i = 0; i < 3; ++i) fd[i] = s->f[i];
   for (int a = 0; a < 3; ++a) fd[3 + a] = INNER(SLOPE(kin, a), G);
-  for (int k = 0; k < NMODE; ++k) {
-    real sum = INNER(kin, s->F[1 + k]);
-    for (int l = 0; l < NMODE; ++l) {
-      const double stiff = own[0] * octo_stiffness[NMODE * k + l], damping = own[1] * octo_modal[NMODE * k + l] + own[2] * stiff;
-      const real z = in->x[0][6 + l];
-      sum += stiff * z + damping / dt * (z - in->x[1][6 + l]);
-    }
-    fd[6 + k] = sum;
-  }
+  for (int k = 0; k < NMODE; ++k) fd[6 + k] = INNER(kin, s->F[1 + k]);
 }
 
 /* out += ⟨∂²(w_k R), F⟩ of R or R_λ, columns ``stride`` apart: by two angles, or an angle and a mode. */
@@ -195,20 +186,13 @@ APART void octo_add_moved(const real *kin, double factor, real *out, int stride)
 }
 
 APART void octo_write_jacobian(const octo_input *in, octo_work *s, real *jac) {
-  const double dt = in->p[DT], rate = 1.0 / (dt * dt), factor[3] = {rate, -2.0 * rate, rate}, *own = in->p + ELASTIC;
+  const double rate = 1.0 / (in->p[DT] * in->p[DT]), factor[3] = {rate, -2.0 * rate, rate};
   const real *kin = in->kin[0];
   octo_add_bent(kin, s->weights[0], s->F[0], jac, 3 * NX);
   for (int node = 0; node < 3; ++node) {
     octo_add_moved(in->kin[node], factor[node], jac + node * NX, 3 * NX);
     octo_add_coupled(kin, s->weights[0], kin + BLOCKS, kin + FIRST, kin, in->kin[node], factor[node], jac + node * NX, 3 * NX);
   }
-  for (int k = 0; k < NMODE; ++k)
-    for (int l = 0; l < NMODE; ++l) {
-      const double stiff = own[0] * octo_stiffness[NMODE * k + l], damping = (own[1] * octo_modal[NMODE * k + l] + own[2] * stiff) / dt;
-      real *at = jac + (6 + k) * 3 * NX + 6 + l;
-      at[0] += stiff + damping;
-      at[NX] -= damping;
-    }
 }
 
 /* R_λ and M λ̂, before the contacts. */

@@ -13,6 +13,7 @@ from octo.model.chart import Chart
 from octo.model.terrain import Ground
 from octo.soft.body import Body
 from octo.soft.moments import Moments
+from octo.soft.stvk import products
 
 
 def rotation(angles: ca.SX, chart: Chart) -> ca.SX:
@@ -78,9 +79,16 @@ def forward_dynamics(
 
 
 def elastic_force(body: Body, z_next: ca.SX, z: ca.SX, own: View, dt: ca.SX) -> ca.SX:
-    """Λz and Rayleigh damping (r,), N kg^-½ m: ``own`` has the factor ``stiffness`` of Λ, ``alpha``
+    """Elastic forces and Rayleigh damping (r,), N kg^-½ m: ``own`` has the factor ``stiffness`` of Λ, ``alpha``
     (1/s) and ``beta`` (s)."""
     stiffness = own["stiffness"] * ca.SX(ca.DM(body.stiffness))
     rate = (z_next - z) / dt
     mass = ca.SX(ca.DM(Moments.of(body).modal))
-    return stiffness @ z_next + own["alpha"] * (mass @ rate) + own["beta"] * (stiffness @ rate)
+    damped = own["alpha"] * (mass @ rate) + own["beta"] * (stiffness @ rate)
+    if body.stvk is None:
+        return stiffness @ z_next + damped
+    first, second = (each.tolist() for each in products(z.numel()))
+    free = ca.SX.sym("z", z.numel())
+    w = ca.vertcat(free, free[first] * free[second])
+    energy = 0.5 * own["stiffness"] * ca.dot(w, ca.DM(body.stvk) @ w)
+    return ca.substitute(ca.gradient(energy, free), free, z_next) + damped

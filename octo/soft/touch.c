@@ -1,4 +1,4 @@
-/* Contacts of a deforming surface, after step.c: a walk over the spheres that bend with it (near.py), and of every vertex that
+/* Contacts of a deforming surface, after elastic.c: a walk over the spheres that bend with it (near.py), and of every vertex that
  * is near the ground what octo_point0…2 say. */
 
 /* y = Σ_k w_k φ_k of a vertex or of a sphere's centre, and its place. */
@@ -188,4 +188,5 @@ APART void octo_all(const octo_input *in, octo_work *s, real *fd, real *jac, rea
   octo_write_rows(in, s, fd);
   if (in->order >= 1) octo_write_jacobian(in, s, jac);
   if (in->order == 2) octo_write_curvature(in, s, hess);
+  octo_add_elastic(in, s, fd, jac, hess);
 }

@@ -7,7 +7,9 @@ import numpy as np
 from octo import soft
 
 
-def cloud(modes: int = 10, count: int = 60, seed: int = 0, size: float = 0.15) -> soft.Body:
+def cloud(
+    modes: int = 10, count: int = 60, seed: int = 0, size: float = 0.15, bent: bool = False
+) -> soft.Body:
     """Points on a sphere of ``size`` m, 1.5 kg, and as many inside; quadratic and cubic fields."""
     rng = np.random.default_rng(seed)
     axes = _spread(count)
@@ -41,8 +43,18 @@ def cloud(modes: int = 10, count: int = 60, seed: int = 0, size: float = 0.15) -
         "stiffness": stiffness,
         "damping": (0.3, 0.004),
     }
-    made_of = {"young": 1e4, "poisson": 0.3, "density": 100.0, "elements": 0, "nodes": len(at)}
+    made_of: dict[str, object] = {} if not bent else {"stvk": _gram(stiffness, rng)}
+    made_of |= {"young": 1e4, "poisson": 0.3, "density": 100.0, "elements": 0, "nodes": len(at)}
     return soft.Body(**given, **made_of)
+
+
+def _gram(stiffness: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A matrix of an elastic energy with products, whose linear part is the stiffness."""
+    r = len(stiffness)
+    root = np.linalg.cholesky(stiffness)
+    more = 200.0 * rng.normal(size=(r * (r + 1) // 2, r + 3))
+    rows = np.vstack([np.column_stack([root, np.zeros((r, 3))]), more])
+    return rows @ rows.T
 
 
 def _spread(count: int) -> np.ndarray:

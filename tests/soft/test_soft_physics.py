@@ -142,14 +142,17 @@ def test_modes_swing_at_their_own_frequencies() -> None:
     assert errors[0] < 0.2 and errors[0] / errors[1] == pytest.approx(2.0, abs=0.2)
 
 
-def test_a_mode_sags_under_a_force_by_its_stiffness() -> None:
-    """u = Λz at rest, whatever else the body is."""
-    dynamics = ball()
+@pytest.mark.parametrize("bent", [False, True])
+def test_a_mode_sags_under_a_force_by_its_stiffness(bent: bool) -> None:
+    """u is the body's elastic force at rest, Λz of a linear one."""
+    dynamics = soft.SoftDynamics(cloud(4, 60, bent=bent)) if bent else ball()
     z = np.array([0.01, -0.02, 0.005, 0.01])
     x = np.zeros((1, 3, 10))
     x[..., 2], x[..., 6:] = 5.0, z
     p = dynamics.layout.pack(gravity_z=0.0)[None]
     fd = dynamics.evaluate(x, p)[0][0, 0]
-    np.testing.assert_allclose(fd[6:], dynamics.body.stiffness @ z, rtol=1e-12)
+    np.testing.assert_allclose(fd[6:], dynamics.body.elastic_force(z), rtol=1e-12)
+    linear = dynamics.body.stiffness @ z
+    assert bent != bool(np.allclose(fd[6:], linear, rtol=1e-6))
     np.testing.assert_allclose(fd[:6], 0.0, atol=1e-10)
     assert np.allclose(Moments.of(dynamics.body).modal, np.eye(4))
