@@ -92,14 +92,15 @@ def _tables(body: Body, terrain: Ground, layout: Layout) -> tuple[list[str], dic
     }
     made = [codegen.numbers_table(name, table) for name, table in numbers.items()]
     made.append(bits_table("entry", spheres.rows))
-    pairs = products(count) if body.stvk is not None else ((), ())
+    pairs: tuple[ArrayLike, ArrayLike] = ((), ())
     if body.stvk is not None:
+        pairs = products(count)
         made.append(bits_table("gram", body.stvk))
     made += [codegen.integers(name, own) for name, own in zip(PAIRED, pairs, strict=True)]
     made += [codegen.integers("skip", spheres.skip), codegen.integers("member", spheres.member)]
     kin = KIN + 9 * (1 + count)
     sizes = {"NX": 6 + count, "NB": 0, "NC": 0, "NP": layout.size, "NSHAPE": 1 + count}
-    sizes["NPRODUCT"] = len(pairs[0])
+    sizes["NPRODUCT"] = np.size(pairs[0])
     sizes |= {"NENTRY": len(spheres.skip), "CURVATURE": CURVATURE, "KIN": kin}
     places = {"DT": "dt", "GRAVITY": "gravity_x", "ELASTIC": "elastic.stiffness"}
     sizes |= {name: layout.index(parameter) for name, parameter in places.items()}

@@ -79,8 +79,8 @@ def forward_dynamics(
 
 
 def elastic_force(body: Body, z_next: ca.SX, z: ca.SX, own: View, dt: ca.SX) -> ca.SX:
-    """Elastic forces and Rayleigh damping (r,), N kg^-½ m: ``own`` has the factor ``stiffness`` of Λ, ``alpha``
-    (1/s) and ``beta`` (s)."""
+    """Elastic forces and Rayleigh damping (r,), N kg^-½ m: ``own`` has the factor ``stiffness`` of
+    Λ, ``alpha`` (1/s) and ``beta`` (s)."""
     stiffness = own["stiffness"] * ca.SX(ca.DM(body.stiffness))
     rate = (z_next - z) / dt
     mass = ca.SX(ca.DM(Moments.of(body).modal))
