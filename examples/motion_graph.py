@@ -1,10 +1,8 @@
 """A motion graph: motions, all transitions between them, and a path that does what it is told.
 
-``python examples/motion_graph.py`` builds 300 pairs of moments of four motions of 10 s;
-``--short`` eight pairs of two.
+Four motions of 10 s of a mammal and 300 pairs of their moments, in about two minutes on two cores.
 """
 
-import sys
 import tempfile
 from pathlib import Path
 
@@ -12,24 +10,24 @@ import numpy as np
 
 import octo
 
-SHORT = "--short" in sys.argv
-SCRIPT = [("walk", 2.0), ("jump", 1.0), ("walk", 2.0)]
-MORE = [("left", 2.0), ("right", 2.0)]
+SCRIPT = [("walk", 2.0), ("jump", 1.0), ("walk", 2.0), ("left", 2.0), ("right", 2.0)]
 
 
 def main(folder: str) -> None:
     graph = octo.motion_graph.build(
         octo.gallery.mammal(),
-        ["walk", "jump"] if SHORT else ["walk", "left", "right", "jump"],
+        ["walk", "left", "right", "jump"],
         path=Path(folder) / "mammal.graph",
-        seconds=4.0 if SHORT else 10.0,
+        seconds=10.0,
         every=8,  # every two seconds
         progress=True,
         device="cpu",
     )
     print(graph)
+    found = graph.report()
+    assert found["pairs"] == 300 and found["transitions"] >= 0.9 * found["pairs"]
 
-    route = graph.route(SCRIPT if SHORT else SCRIPT + MORE)
+    route = graph.route(SCRIPT)
     print(route)
     motion = route.motion  # torques and forces are measured anew, at the joints of edges too
     print(motion)

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
+import os
 import pickle
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -173,3 +175,12 @@ def _begin(stop: Any) -> None:
     _stop = stop
     for number in STOPS[:1]:  # Ctrl-C in a terminal reaches all processes
         signal.signal(number, signal.SIG_IGN)
+    threading.Thread(
+        target=_end_with, args=(multiprocessing.parent_process(),), daemon=True
+    ).start()
+
+
+def _end_with(parent: Any) -> None:
+    """End this process when that one is gone: a killed one tells nobody to stop."""
+    parent.join()
+    os._exit(1)

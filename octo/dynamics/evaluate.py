@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import ctypes
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import cached_property
 from types import NoneType
 from typing import Any
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from octo import native
 from octo.checks import Array, doubles
-from octo.dynamics import codegen, slots
+from octo.dynamics import codegen, content, slots
 from octo.dynamics.crowd import singles_of
 from octo.dynamics.laws import ContactLaw, Smooth
 from octo.dynamics.parameters import Layout, bound, robot_layout, unbound
@@ -79,6 +79,12 @@ class Dynamics:
         plain.__dict__["_library"] = None
         return plain
 
+    @property
+    def key(self) -> Hashable:
+        """Dynamics with the same key have the same text: only itself, where nothing is known of
+        it."""
+        return self
+
     def text(self) -> str:
         """The C text: macros NX, NB, NC, NP, KIN, WORK, CURVATURE and the functions octo_kin and
         octo_step."""
@@ -94,11 +100,11 @@ class Dynamics:
 
     @cached_property
     def _text(self) -> str:
-        return self._written(lanes=False)
+        return content.kept(self.key, "scalar", lambda: self._written(lanes=False))
 
     @cached_property
     def _lanes_text(self) -> str:
-        return self._written(lanes=True)
+        return content.kept(self.key, "lanes", lambda: self._written(lanes=True))
 
     @cached_property
     def _library(self) -> ctypes.CDLL | None:
@@ -259,7 +265,7 @@ class RobotDynamics(Dynamics):
     """The dynamics of §4 of a character, with a contact law and a terrain."""
 
     curvature_blocks = 5
-    generated = Dynamics.generated | {"symbolic"}
+    generated = Dynamics.generated | {"symbolic", "key"}
 
     def __init__(
         self,
@@ -294,6 +300,11 @@ class RobotDynamics(Dynamics):
                 "fewer contacts"
             )
         return forward_dynamics(self.character, self.law, self.terrain, self.layout)
+
+    @cached_property
+    def key(self) -> Hashable:
+        known = content.content_of(self.character, self.law, self.terrain)
+        return self if known is None else known
 
     @property
     def on_world(self) -> bool:

@@ -3,10 +3,9 @@ fixed, and where the second one stands."""
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,11 +113,7 @@ class Crossing:
     @cached_property
     def dynamics(self) -> RobotDynamics:
         """Of all problems: what is generated of one of them is that of all."""
-        model = self.robot, self.law, ground_of(self.one)
-        try:
-            return _dynamics(pickle.dumps(model))
-        except (pickle.PicklingError, AttributeError, TypeError):  # a law that knows no pickle
-            return RobotDynamics(*model)
+        return RobotDynamics(self.robot, self.law, ground_of(self.one))
 
     @cached_property
     def limits(self) -> list[Constraint]:
@@ -200,12 +195,6 @@ class Crossing:
         guess = blend(before[1:], after[1:])
         guess[-2] = after[-2]
         return problem, guess
-
-
-@lru_cache(maxsize=4)
-def _dynamics(model: bytes) -> RobotDynamics:
-    """Of robot, law and ground: of crossings that come one by one from another process too."""
-    return RobotDynamics(*pickle.loads(model))
 
 
 def laid_end_to_end(x: Array, motion: Solution, law: ContactLaw | None = None) -> Solution:

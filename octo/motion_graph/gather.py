@@ -5,16 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from octo import executors
+from octo.checks import Array
 from octo.errors import OctoError, ProblemError
 from octo.executors import Failed
 from octo.model.character import Character
 from octo.motion_graph.crossing import check_alike
 from octo.motion_graph.file import File
-from octo.motion_graph.named import NAMED
+from octo.motion_graph.named import NAMED, POSED
 from octo.motion_graph.one_law import under_one_law
 from octo.problem.hard import Held
 from octo.progress import Progress
@@ -23,6 +24,7 @@ from octo.result.solution import Solution, solution_of
 if TYPE_CHECKING:
     import os
 
+FAR = 0.2  # of ℓ: a robot that stands higher or lower by more goes into another pose as it moves
 Motions = Sequence[str] | Mapping[str, "Solution | str | os.PathLike[str]"]
 
 
@@ -45,13 +47,15 @@ class Search:
     name: str
     seconds: float
     how: Mapping[str, Any]
+    pose: Array | None = None  # in which it begins, of those that are POSED
 
 
 def find(search: Search) -> Solution | Failed:
     """Of a worker: the motion of that name."""
     robot, name = search.robot, search.name
+    pose = {} if search.pose is None else {"pose": search.pose}
     try:
-        motion = NAMED[name](robot, search.seconds, **search.how)
+        motion = NAMED[name](robot, search.seconds, **search.how, **pose)
     except OctoError as error:
         return Failed(f"motion {name!r} of {robot.name}: {error}")
     if not motion.converged:
@@ -74,15 +78,15 @@ def gathered(
     ProblemError: one is not found, or is not of the same robot, ground, dt and law as the first.
     """
     names, known = list(wanted.motions), file.names
-    kept = _Kept(file, wanted, names, {name: file.motion(name) for name in known}, progress)
+    given = {**how, "dt": wanted.dt, "constraints": wanted.constraints}
+    searches = {name: Search(wanted.robot, name, wanted.seconds, given) for name in names}
+    made = {name: file.motion(name) for name in known}
+    kept = _Kept(file, wanted, searches, made, progress)
     if isinstance(wanted.motions, Mapping):
         for name in names[len(known) :]:
             kept.add(name, solution_of(wanted.motions[name]))
         return kept.made
-    given = {**how, "dt": wanted.dt, "constraints": wanted.constraints}
-    left = [
-        Search(wanted.robot, name, wanted.seconds, given) for name in names if name not in known
-    ]
+    left = [search for name, search in searches.items() if name not in known]
 
     def take(search: Search, motion: Solution) -> None:
         kept.add(search.name, motion)
@@ -98,12 +102,12 @@ class _Kept:
         self,
         file: File,
         wanted: Wanted,
-        names: Sequence[str],
+        searches: Mapping[str, Search],
         made: dict[str, Solution],
         progress: Progress | None,
     ):
-        self.file, self.wanted, self.names, self.made = file, wanted, names, made
-        self.progress = progress
+        self.file, self.wanted, self.searches, self.made = file, wanted, searches, made
+        self.names, self.progress = list(searches), progress
         self._waiting: dict[str, Solution] = {}
 
     def add(self, name: str, motion: Solution) -> None:
@@ -116,10 +120,22 @@ class _Kept:
             self._check_robot(name, own)
             like = next(iter(self.made.values()), own)
             check_alike(like, own)
+            own = self._as_it_stands(name, own, like)
             self.made[name] = under_one_law(own, like, self.wanted.constraints, name)
             self.file.keep_motion(name, self.made[name])
             if self.progress is not None:
                 self.progress(f"motion {name!r} is there")
+
+    def _as_it_stands(self, name: str, own: Solution, like: Solution) -> Solution:
+        """A motion found by its name that stands much higher or lower than ``like``, found again as
+        that one stands, if it can begin in any pose."""
+        named = not isinstance(self.wanted.motions, Mapping)
+        if not named or name not in POSED or abs(own.length - like.length) <= FAR * like.length:
+            return own
+        found = find(replace(self.searches[name], pose=like.x[1]))
+        if isinstance(found, Failed):
+            raise ProblemError(found.words)
+        return found
 
     def _check_robot(self, name: str, motion: Solution) -> None:
         robot, its = self.wanted.robot, motion.character

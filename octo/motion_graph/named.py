@@ -26,7 +26,10 @@ def _walks(made: Callable[..., Solution], sign: float) -> Callable[..., Solution
 
 
 def jumps(robot: Character, seconds: float, **how: Any) -> Solution:
-    """Jumps on the spot, one after the other, from rest to rest, and standing behind the last."""
+    """Jumps on the spot, one after the other, from rest to rest, and standing behind the last.
+
+    how: as that of :func:`octo.jump`, ``pose`` too.
+    """
     one = jump(robot, HIGH, 0.0, **how)
     dt, many = one.dt, int(seconds / (one.steps * one.dt) + 1e-9)
     if not one.converged or many < 1:
@@ -59,6 +62,9 @@ NAMED: dict[str, Callable[..., Solution]] = {
     "stride_right": _walks(stride, -1.0),
     "jump": jumps,
 }
+
+
+POSED = ("jump",)  # begin in any pose; the others stand as their strides do
 
 
 def check_name(name: object) -> str:

@@ -30,7 +30,7 @@ from octo.problem.native_steps import NativeSteps
 from octo.problem.plan import Plan
 from octo.problem.problem import Problem
 from octo.problem.program import Program
-from octo.problem.structure import check_alike, functions_of
+from octo.problem.structure import check_alike, program_of
 
 __all__ = ["CompiledProblem", "Evaluation", "Model"]
 
@@ -62,7 +62,7 @@ class CompiledProblem:
         first = problems[0]
         if like is None:
             check_alike(problems)
-            program = Program(first.dynamics, functions_of(first, exact))
+            program = program_of(first, exact)
         else:
             program = like.program
             if "library" in like.__dict__:

@@ -26,6 +26,10 @@ class Program:
 
     def c_text(self) -> str:
         """A time step in every lane, then assemble.c, and between.c where a term needs it."""
+        return self._c_text
+
+    @cached_property
+    def _c_text(self) -> str:
         stages = self.functions.calls.stages_text + asked_of_world(self.functions, self.dynamics)
         text = stages + self.dynamics.lanes_text() + cost_text(self.functions, self.dynamics)
         between = self.between

@@ -25,8 +25,9 @@ from octo.errors import OctoError, ProblemError
 from octo.interrupts import postponed
 from octo.model.feet import touching
 from octo.problem.basis import Hermite
-from octo.problem.codegen import CostFunctions, Residuals, derived, residuals_of, step_symbols
+from octo.problem.codegen import Residuals, derived, residuals_of, step_symbols
 from octo.problem.contact_costs import ContactCost
+from octo.problem.program import Program
 from octo.problem.references import References, blamed, sizes
 from octo.problem.terms import Term
 
@@ -160,27 +161,27 @@ def _residuals(problem: Problem, terms: Sequence[Term], **more: Any) -> Residual
     return residuals_of(problem.dynamics, terms, problem.setting, between, **more)
 
 
-KEPT = 8  # generated functions of as many problems
-_functions: OrderedDict[Any, CostFunctions] = OrderedDict()
+KEPT = 8  # programs
+_programs: OrderedDict[Any, Program] = OrderedDict()
 
 
 @postponed()
-def functions_of(problem: Problem, exact: bool = False) -> CostFunctions:
-    """The functions of the terms; those of the last few problems are kept, for others of the same
-    dynamics and structure. ``exact``: of all terms with exact second derivatives.
+def program_of(problem: Problem, exact: bool = False) -> Program:
+    """What is generated for the terms; of the last few problems it is kept, for others of the same
+    structure whose dynamics say the same. ``exact``: of all terms with exact second derivatives.
 
     Raises
     ------
     OctoError: a term's residual or its references cannot be formed.
     """
     made = _residuals(problem, problem.terms, exact=exact)
-    key = (problem.dynamics, isinstance(problem.basis_object, Hermite), made.structure)
-    found = _functions.pop(key, None)
+    key = (problem.dynamics.key, isinstance(problem.basis_object, Hermite), made.structure)
+    found = _programs.pop(key, None)
     if found is None:
-        found = derived(made)
-    _functions[key] = found
-    while len(_functions) > KEPT:
-        _functions.popitem(last=False)
+        found = Program(problem.dynamics, derived(made))
+    _programs[key] = found
+    while len(_programs) > KEPT:
+        _programs.popitem(last=False)
     return found
 
 
@@ -223,7 +224,7 @@ def _check_frame(first: Problem, other: Problem, place: int) -> None:
 
 def _same_model(one: Dynamics, other: Dynamics) -> bool:
     """Whether one generated code and one table of numbers serve both."""
-    if one is other:
+    if one.key == other.key:
         return True
     if type(one) is not type(other) or one.layout.names != other.layout.names:
         return False

@@ -6,6 +6,8 @@ import contextlib
 import importlib
 import io
 import logging
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,7 @@ LOG = logging.getLogger("octo")
 ALONG = 6  # elements along the longest edge, where none is asked for
 QUALITY = 1.5  # most radius of an element's sphere to its shortest edge
 FEWEST = 600  # triangles of a surface that is thinned: 1,200 points
+SKIPPED = ("_skipped.node", "_skipped.face")
 CARE = 3  # of fast-simplification's levels, 0 to 10 from slow to careless: ends in no slivers
 
 
@@ -59,7 +62,7 @@ def filled(
     vertices, faces = _thinned(label, vertices, faces, edge, name)
     fine = np.sqrt(_area(vertices, faces) / len(faces)) < edge
     try:
-        with contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stdout(io.StringIO()), _nothing_left():
             points, elements = tetgen.TetGen(vertices, faces.astype(np.int32)).tetrahedralize(
                 order=1,
                 minratio=QUALITY,
@@ -72,6 +75,18 @@ def filled(
             f"{label} cannot be filled with tetrahedra: {reason(error)}; does it cut itself?"
         ) from error
     return Tetrahedra(np.asarray(points), np.asarray(elements), name=name)
+
+
+@contextlib.contextmanager
+def _nothing_left() -> Iterator[None]:
+    """Where TetGen fails it leaves what it skipped in the working folder: not here."""
+    files = [Path(name) for name in SKIPPED]
+    before = [file.exists() for file in files]
+    try:
+        yield
+    finally:
+        for file in (one for one, there in zip(files, before, strict=True) if not there):
+            file.unlink(missing_ok=True)
 
 
 def _library(module: str, name: str) -> Any:

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
 from octo.checks import Array, whole
 from octo.errors import ModelError, ValueRangeError
+from octo.files import reason
 
 RIGID = 6
 SMALL = 600  # coordinates, of a model whose eigenvectors are found as those of a dense matrix
@@ -54,7 +55,7 @@ def lowest(
         )
     unit = _unit(stiffness, mass, nodes)
     found = min(count + MORE, size - RIGID)
-    values, vectors = _pairs(stiffness, mass, found + RIGID, SHIFT * unit)
+    values, vectors = _pairs(stiffness, mass, found + RIGID, SHIFT * unit, label)
     still = int((values < NONE * unit).sum())
     if still > RIGID:
         raise ModelError(
@@ -88,7 +89,7 @@ def _unit(stiffness: Any, mass: Any, nodes: Array) -> float:
     return float((stretch @ (stiffness @ stretch)) / (stretch @ (mass @ stretch)))
 
 
-def _pairs(stiffness: Any, mass: Any, count: int, shift: float) -> tuple[Array, Array]:
+def _pairs(stiffness: Any, mass: Any, count: int, shift: float, label: str) -> tuple[Array, Array]:
     """The lowest eigenvalues (count,) and vectors, rigid ones included."""
     size = stiffness.shape[0]
     if size <= SMALL or 3 * count >= size:
@@ -99,9 +100,11 @@ def _pairs(stiffness: Any, mass: Any, count: int, shift: float) -> tuple[Array, 
     inverse = factors(stiffness + shift * mass)
     operator = LinearOperator(stiffness.shape, matvec=inverse.solve, dtype=float)
     start = np.random.default_rng(0).standard_normal(size)
-    values, vectors = eigsh(
-        stiffness, k=count, M=mass, sigma=-shift, OPinv=operator, v0=start, maxiter=100 * count
-    )
+    given = {"M": mass, "sigma": -shift, "OPinv": operator, "v0": start, "maxiter": 100 * count}
+    try:
+        values, vectors = eigsh(stiffness, k=count, **given)
+    except ArpackNoConvergence as error:
+        raise ModelError(f"{label} has modes that were not found: {reason(error)}") from error
     order = np.argsort(values)
     return values[order], vectors[:, order]
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from forgotten import forgotten
 from test_lanes import one_by_one
 
 import octo
@@ -123,6 +124,7 @@ def test_five_thousand_are_all_of_them(ground, monkeypatch):
     p = made.bound(made.layout.pack()[None])
     found = [made.evaluate(nodes, p, lam, order=2) for nodes, lam in each]
     scalar = [one_by_one(made, nodes, p, lam, 2) for nodes, lam in each]
+    forgotten(monkeypatch)
     monkeypatch.setattr(crowd, "FEW", ALL)
     whole = RobotDynamics(stone(5000, 40, 0.002), terrain=terrain)
     expected = [whole.evaluate(nodes, p, lam, order=2) for nodes, lam in each]
@@ -183,6 +185,7 @@ def problems(request):
     unknowns = made.unknowns(nodes_of(7, 21, height=0.13))
     lam = np.random.default_rng(5).standard_normal((1, made.K, made.ma))
     with pytest.MonkeyPatch.context() as patch:
+        forgotten(patch)
         patch.setattr(crowd, "FEW", ALL)
         whole = compiled(request.param)
         at = whole.evaluate(unknowns)

@@ -20,6 +20,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from forgotten import forgotten
 
 import octo
 from octo.cli import run
@@ -29,7 +30,7 @@ from octo.errors import OutputError
 from octo.files import SCRATCH, file_name, replacing
 from octo.interrupts import like_ctrl_c, postponed
 from octo.problem.compiled import CompiledProblem
-from octo.problem.structure import functions_of
+from octo.problem.structure import program_of
 from octo.reference.program import nlp
 from octo.result.solution import Solution
 
@@ -437,7 +438,7 @@ def test_casadi_takes_ctrl_c_for_an_answer(monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize(
     "build",
     [
-        lambda problem: functions_of(problem),
+        lambda problem: program_of(problem),
         lambda problem: problem.dynamics.lanes_text(),
         lambda problem: nlp(problem),
         lambda problem: CompiledProblem([problem]).kinematics,
@@ -447,6 +448,7 @@ def test_casadi_takes_ctrl_c_for_an_answer(monkeypatch: pytest.MonkeyPatch) -> N
 def test_ctrl_c_is_not_lost_while_symbols_are_built(
     monkeypatch: pytest.MonkeyPatch, build: Callable[[octo.Problem], object]
 ) -> None:
+    forgotten(monkeypatch)
     robot = octo.gallery.biped()
     terms = [octo.CenterOfMassVelocity((0.4, 0.0, 0.0)), octo.Effort(), octo.Slip(name="a foot")]
     problem = octo.Problem(robot, steps=12, dt=0.03, x0=robot.default_pose, costs=terms)

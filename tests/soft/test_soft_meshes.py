@@ -334,7 +334,9 @@ def test_a_fine_surface_is_thinned_and_said(
     assert made.mass == pytest.approx(250.0 * np.pi * 0.05**2 * (0.3 + 4.0 / 3.0 * 0.05), rel=0.02)
 
 
-def test_surfaces_that_cannot_be_filled(tmp_path: Path) -> None:
+def test_surfaces_that_cannot_be_filled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
     pytest.importorskip("tetgen"), pytest.importorskip("trimesh")
     small = 0.3 * CUBE
 
@@ -351,6 +353,7 @@ def test_surfaces_that_cannot_be_filled(tmp_path: Path) -> None:
     cut = small.copy()
     cut[0] = 0.15, 0.25, 0.6  # a corner of the bottom pulled through the top
     refused("cut.obj", cut, SIDES, "mesh 'cut' cannot be filled with tetrahedra")
+    assert not list(Path().iterdir())  # TetGen writes what it skipped
 
 
 def test_without_the_mesher_the_extra_is_named(

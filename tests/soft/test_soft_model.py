@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.special import spherical_jn
 
 from octo import soft
-from octo.errors import ProblemError, ShapeError, ValueRangeError
+from octo.errors import ModelError, ProblemError, ShapeError, ValueRangeError
 from octo.soft import modes
 from octo.soft.build import reduced
 from octo.soft.quadratic import EDGES, derivatives
@@ -101,6 +101,13 @@ def test_more_modes_than_the_mesh_has() -> None:
         model.modes(25)
 
 
+def test_modes_that_are_not_found(beam: soft.Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = modes.eigsh
+    monkeypatch.setattr(modes, "eigsh", lambda *a, **o: whole(*a, **{**o, "maxiter": 1, "ncv": 21}))
+    with pytest.raises(ModelError, match="mesh 'beam' has modes that were not found: ARPACK error"):
+        beam.modes(10)
+
+
 # -- statics ---------------------------------------------------------------------------------------
 
 
@@ -137,19 +144,18 @@ def test_what_is_held_is_checked(ball: soft.Model) -> None:
 
 
 def test_few_modes_come_close_to_all_of_them(ball: soft.Model) -> None:
-    """A ball pressed at both poles: the work of the forces, of 6, 20, 60 and all modes."""
-    north, south = np.argmax(ball.nodes[:, 2]), np.argmin(ball.nodes[:, 2])
+    """A ball that is pressed flat all through: the work of 6, 10, 60 and all modes."""
     force = np.zeros((len(ball.nodes), 3))
-    force[north, 2], force[south, 2] = -1.0, 1.0
-    pressed = force.ravel()
-    moved = np.linalg.lstsq(ball.stiffness.toarray(), pressed, rcond=1e-12)[0]
-    whole = pressed @ moved
+    force[:, 2] = -(ball.node_mass @ (ball.nodes - ball.center)[:, 2])
+    moved = np.linalg.lstsq(ball.stiffness.toarray(), force.ravel(), rcond=1e-12)[0]
+    whole = force.ravel() @ moved
     short = []
-    for count in (6, 20, 60, 3 * len(ball.nodes) - 6):
+    for count in (6, 10, 60, 3 * len(ball.nodes) - 6):
         values, shapes = ball.modes(count)
         own = np.einsum("nrk,nk->r", shapes, force)
         short.append(1.0 - own @ (own / values) / whole)
-    assert short[0] > short[1] > short[2] > 0.0
+    assert 0.5 < short[0] < 1.0  # five twist it, and one stretches it
+    assert 0.0 < short[1] < 0.1 and 0.0 < short[2] < 2e-3
     assert abs(short[3]) < 1e-8
 
 
