@@ -69,17 +69,22 @@ static inline void octo_times(const real *A, int wide, double sign, const real (
   }
 }
 
-/* out += leftᵀ right, ``count`` rows each, which is constant where this is called; columns from the diagonal on, or all. */
+/* out += leftᵀ right, ``count`` rows each, which is constant where this is called; columns from the diagonal on (or one
+ * before), or all. */
 INTO void octo_add_product_of(int count, const real (*left)[NX], const real (*right)[NX], int half, real *__restrict__ out, int stride) {
-  for (int i = 0; i < NX; ++i) {
-    real own[6];
-    for (int c = 0; c < count; ++c) own[c] = left[c][i];
+  int i = 0;
+  for (; i + 1 < NX; i += 2) { /* two rows share what they read */
+    real one[6], two[6];
+    for (int c = 0; c < count; ++c) one[c] = left[c][i], two[c] = left[c][i + 1];
     for (int j = half ? i : 0; j < NX; ++j) {
-      real sum = out[i * stride + j];
-      for (int c = 0; c < count; ++c) sum += own[c] * right[c][j];
-      out[i * stride + j] = sum;
+      real a = out[i * stride + j], b = out[(i + 1) * stride + j];
+      for (int c = 0; c < count; ++c) a += one[c] * right[c][j], b += two[c] * right[c][j];
+      out[i * stride + j] = a;
+      out[(i + 1) * stride + j] = b;
     }
   }
+  for (int j = half ? i : 0; i < NX && j < NX; ++j)
+    for (int c = 0; c < count; ++c) out[i * stride + j] += left[c][i] * right[c][j];
 }
 
 /* δ = J λ and −∂δ/∂x_next. */
