@@ -18,7 +18,7 @@ from octo.checks import Array, doubles
 from octo.dynamics import codegen, content, slots
 from octo.dynamics.crowd import singles_of
 from octo.dynamics.laws import ContactLaw, Smooth
-from octo.dynamics.parameters import Layout, robot_layout
+from octo.dynamics.parameters import Layout, bound, robot_layout, unbound
 from octo.dynamics.symbolic import LOOKED, element_law, forward_dynamics
 from octo.errors import ModelError, ProblemError, ShapeError, ValueRangeError, said
 from octo.interrupts import postponed
@@ -26,16 +26,7 @@ from octo.model.character import Character
 from octo.model.element import parameters_of
 from octo.model.kinematics import sphere_centers
 from octo.model.scene import Scene
-from octo.model.terrain import (
-    ADDRESS,
-    Ground,
-    Plane,
-    Terrain,
-    World,
-    address_of,
-    own_parameters,
-    world_at,
-)
+from octo.model.terrain import ADDRESS, Ground, Plane, Terrain, World, own_parameters, world_at
 from octo.world.jet import SIZES
 
 MOST_WRITTEN = 1000  # contacts in one expression: to build it takes 10 to 30 s
@@ -53,6 +44,9 @@ class Dynamics:
     """
 
     curvature_blocks = 6  # of the C text, (n, n) each: CURVATURE
+    # (3n, 3n) where the curvature may not be zero, if not what CasADi says of ``symbolic``
+    curvature_pattern: NDArray[np.bool_] | None = None
+    weight = 1.0  # N, that forces are measured in; a robot's is its character's
     looks = 0  # contacts that a world is asked about, at each node: all but those of crowds
     # from the rest, and large or of this process alone
     generated = frozenset(("_text", "_lanes_text", "_library", "_machine"))
@@ -129,6 +123,23 @@ class Dynamics:
         value = ca.Function("fd", [z, p], [ca.densify(fd)])
         jacobian = ca.Function("jacobian", [z, p], [jac.T])
         return value, jacobian, ca.Function("curvature", [z, p, lam], [hess])
+
+    def rest(self, p: Array) -> Array | None:
+        """(n,) a configuration in which nothing moves without a motor's force, where one is known:
+        what a motion begins in by default."""
+        return None
+
+    def length(self, start: Array) -> float:
+        """m, that moments are measured in."""
+        return 1.0
+
+    def row_scale(self, length: float) -> Array:
+        """(m,) of the unactuated rows."""
+        return np.ones(len(self.unactuated))
+
+    def effort(self, length: float) -> float:
+        """A motor's usual force, in the unit of u."""
+        return 1.0
 
     def bound(self, p: Array) -> Array:
         """p (..., NP) as this process hands it to generated code: with the address of the world's
@@ -305,19 +316,10 @@ class RobotDynamics(Dynamics):
         return len(singles_of(self.character)) if isinstance(self.terrain, World) else 0
 
     def bound(self, p: Array) -> Array:
-        if not isinstance(self.terrain, World):
-            return p
-        place, own = self.layout.index(ADDRESS), np.array(p, dtype=float)
-        known = np.array([world_at(a) is not None for a in own[..., place].ravel().tolist()])
-        known = known.reshape(own.shape[:-1])  # of another member of a batch
-        own[..., place] = np.where(known, own[..., place], address_of(self.terrain))
-        return own
+        return bound(self.layout, self.terrain, p)
 
     def unbound(self, p: Array) -> Array:
-        own = np.array(p, dtype=float)
-        if isinstance(self.terrain, World):
-            own[..., self.layout.index(ADDRESS)] = 0.0
-        return own
+        return unbound(self.layout, self.terrain, p)
 
     def jets(self, p: Array, x: Array) -> Array:
         """What the world says at the centre of each terrain contact, at configurations x (k, n):

@@ -15,7 +15,7 @@ import numpy as np
 from octo.checks import number
 from octo.errors import ProblemError, UnknownNameError
 from octo.model.quantities import GRAVITY, Array
-from octo.model.terrain import ADDRESS
+from octo.model.terrain import ADDRESS, Ground, World, address_of, world_at
 
 T = TypeVar("T")
 
@@ -77,6 +77,26 @@ class Layout:
     def view(self, p: ca.SX) -> dict[str, ca.SX]:
         """The entries of a symbolic p (NP,) by name."""
         return {name: p[k] for k, name in enumerate(self.names)}
+
+
+def bound(layout: Layout, terrain: Ground, p: Array) -> Array:
+    """p (..., NP) with the address of the world's numbers in this process, where the ground is a
+    world; that of another member of a batch stays."""
+    if not isinstance(terrain, World):
+        return p
+    place, own = layout.index(ADDRESS), np.array(p, dtype=float)
+    known = np.array([world_at(a) is not None for a in own[..., place].ravel().tolist()])
+    known = known.reshape(own.shape[:-1])
+    own[..., place] = np.where(known, own[..., place], address_of(terrain))
+    return own
+
+
+def unbound(layout: Layout, terrain: Ground, p: Array) -> Array:
+    """The same p without that."""
+    own = np.array(p, dtype=float)
+    if isinstance(terrain, World):
+        own[..., layout.index(ADDRESS)] = 0.0
+    return own
 
 
 def section(view: Mapping[str, T], prefix: str) -> dict[str, T]:

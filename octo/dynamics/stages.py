@@ -25,7 +25,14 @@ from octo.world.jet import SIZES
 OPTIONS = {"cse": True}
 PREFIX = "octo_"  # of the names in the C text; the order of the derivatives is appended
 # inputs that are p or of a table
-SHARED = {"gap": (1, 2), "pair": (1, 2), "body": (3, 4), "contact": (2, 3), "joint": (3, 4)}
+SHARED = {
+    "gap": (1, 2),
+    "pair": (1, 2),
+    "body": (3, 4),
+    "contact": (2, 3),
+    "joint": (3, 4),
+    "point": (2,),
+}
 
 JOINT = ("armature", "damping", "stiffness", "rest", "lower", "upper")  # of its table
 
@@ -205,6 +212,26 @@ def contact(order: int, layout: Layout, law: ContactLaw, terrain: Ground) -> ca.
         out.append(about(L1, touch.U, touch.U))
     inputs = [*flat, sphere, p, V, *ground.inputs]
     return ca.Function(f"{PREFIX}contact{order}", inputs, [rows(ca.SX(o)) for o in out], OPTIONS)
+
+
+def point(order: int, layout: Layout, law: ContactLaw, terrain: Ground) -> ca.Function:
+    """Eq. 6 (or another law) of a material point, which has no radius. Inputs: its place c and
+    where it was one step ago, U, (3,) m each; p; δ (3,); and of a world its jet (20) at c.
+
+    Outputs: the force f (3,) N; ∂f/∂c and ∂f/∂U (3, 3); ∂²(-δ·f)/∂(c, U)² (6, 6).
+    """
+    c, U, delta = (ca.SX.sym(name, 3) for name in ("c", "U", "delta"))
+    p = ca.SX.sym("p", layout.size)
+    ground = _Ground(terrain, layout, p)
+    f = _force(law, ground, ca.SX(0), c, U)
+    out = [f]
+    if order >= 1:
+        out += [ca.jacobian(f, c), ca.jacobian(f, U)]
+    if order == 2:
+        out.append(ca.triu2symm(ca.triu(ca.hessian(-ca.dot(delta, f), ca.vertcat(c, U))[0])))
+    own = ca.substitute([rows(ca.SX(o)) for o in out], ground.own, ground.at(c))
+    inputs = [c, U, p, delta, *ground.inputs]
+    return ca.Function(f"{PREFIX}point{order}", inputs, [ca.densify(o) for o in own], OPTIONS)
 
 
 def _contact_curvature(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from numpy.typing import NDArray
 
-from octo.dynamics.evaluate import RobotDynamics
 from octo.gpu.device import Array, Device
 from octo.model.terrain import ADDRESS, World, world_at
 from octo.problem.compiled import CompiledProblem
@@ -15,11 +14,12 @@ def placed(problem: CompiledProblem, device: Device) -> tuple[NDArray, list[Arra
     these, which kernels find by their addresses: they must outlive p."""
     held: list[Array] = []
     p, dynamics = problem.p, problem.dynamics
-    if not isinstance(dynamics, RobotDynamics) or not isinstance(dynamics.terrain, World):
+    terrain = getattr(dynamics, "terrain", None)
+    if not isinstance(terrain, World):
         return p, held
     p, place = p.copy(), dynamics.layout.index(ADDRESS)
     for address in set(p[:, place].tolist()):
-        world = world_at(address) or dynamics.terrain
+        world = world_at(address) or terrain
         held.append(device.array(world.data))
         p[problem.p[:, place] == address, place] = device.address(held[-1])
     return p, held

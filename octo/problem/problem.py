@@ -275,9 +275,12 @@ class Problem(Shown):
         if self.x0 is not None:
             return self.x0
         if not isinstance(self.dynamics, RobotDynamics):
-            raise ProblemError(
-                "x0 is missing: user-written dynamics have no static pose to start from"
-            )
+            rest = self.dynamics.rest(self.p)
+            if rest is None:
+                raise ProblemError(
+                    "x0 is missing: user-written dynamics have no static pose to start from"
+                )
+            return rest
         found = static_start(self.dynamics, self.p, self.pose, self.cycle is not None)
         if self.dynamics.character.objects:  # which stay where they were put
             check_above("start", found, self.character, self.terrain, self.values)
@@ -306,23 +309,26 @@ class Problem(Shown):
     def weight(self) -> float:
         """N, mg with g = 9.81, that forces are measured in; 1 for user-written dynamics, whose rows
         are not scaled."""
-        return scales.weight(self.character)
+        own = self.character
+        return self.dynamics.weight if own is None else scales.weight(own)
 
     @cached_property
     def length(self) -> float:
         """m, ℓ of the moment rows: the base's height over the lowest contact at the start."""
-        return 1.0 if self.character is None else scales.length(self.character, self.start)
+        own = self.character
+        return self.dynamics.length(self.start) if own is None else scales.length(own, self.start)
 
     @cached_property
     def torque_reference(self) -> float:
         """N m, the effort's u_ref."""
-        return 1.0 if self.character is None else scales.torque(self.character, self.length)
+        own = self.character
+        return self.dynamics.effort(self.length) if own is None else scales.torque(own, self.length)
 
     @cached_property
     def row_scale(self) -> Array:
         """(m,) of C's rows: 1/mg for forces, 1/(mg·ℓ) for moments."""
         if self.character is None:
-            return np.ones(len(self.dynamics.unactuated))
+            return self.dynamics.row_scale(self.length)
         return scales.rows(self.character, self.length)
 
     @cached_property

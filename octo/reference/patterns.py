@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.interrupts import postponed
 from octo.problem.basis import WINDOW
 from octo.problem.codegen import CostFunctions
@@ -24,12 +24,7 @@ def patterns(compiled: CompiledProblem) -> tuple[Pattern, Pattern]:
     A residual's square couples what the residual depends on, and its curvature no more.
     """
     dynamics, functions, n = compiled.dynamics, compiled.functions, compiled.n
-    sizes = {"z": 3 * n, "p": dynamics.symbolic.numel_in(3), "lam": n}
-    z, p, lam = (ca.SX.sym(*each) for each in sizes.items())
-    fd = dynamics.symbolic(z[:n], z[n : 2 * n], z[2 * n :], p)
-    pull = ca.densify(ca.gradient(ca.dot(lam, fd), z))
-    rows = pattern_of(ca.Function("fd", [z, p], [fd]).jac_sparsity(0, 0))
-    hessian = pattern_of(ca.Function("pull", [z, p, lam], [pull]).jac_sparsity(0, 0))
+    rows, hessian = _of_dynamics(dynamics)
     terms = pattern_of(functions.state_sparsity)  # to (x_next, x, x_prev, u)
     terms = terms[_bending(functions)]
     terms = terms[:, : 3 * n] | (terms[:, 3 * n :] @ rows[dynamics.actuated])
@@ -40,6 +35,19 @@ def patterns(compiled: CompiledProblem) -> tuple[Pattern, Pattern]:
             path = np.isin(np.arange(n), robot.path[robot.contacts[k].body])
             hessian |= np.outer(np.tile(path, 3), np.tile(path, 3))
     return hessian | hessian.T, rows
+
+
+def _of_dynamics(dynamics: Dynamics) -> tuple[Pattern, Pattern]:
+    """(n, 3n) of the slopes of FD and (3n, 3n) of the curvature of lamᵀFD."""
+    if dynamics.curvature_pattern is not None:
+        return dynamics.jacobian_pattern, dynamics.curvature_pattern
+    n = dynamics.nx
+    sizes = {"z": 3 * n, "p": dynamics.symbolic.numel_in(3), "lam": n}
+    z, p, lam = (ca.SX.sym(*each) for each in sizes.items())
+    fd = dynamics.symbolic(z[:n], z[n : 2 * n], z[2 * n :], p)
+    pull = ca.densify(ca.gradient(ca.dot(lam, fd), z))
+    rows = pattern_of(ca.Function("fd", [z, p], [fd]).jac_sparsity(0, 0))
+    return rows, pattern_of(ca.Function("pull", [z, p, lam], [pull]).jac_sparsity(0, 0))
 
 
 def _bending(functions: CostFunctions) -> NDArray[np.bool_]:

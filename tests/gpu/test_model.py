@@ -8,6 +8,7 @@ import re
 import casadi as ca
 import numpy as np
 import pytest
+from soft.clouds import cloud
 
 import octo
 from octo.gpu.problem import PARTS, DeviceProblem
@@ -195,3 +196,23 @@ def test_no_launch_has_more_threads_than_its_kernel_is_compiled_for(
             other.linearize(at, multipliers)
     unbound = {"octo_work_size", "octo_jacobian", "octo_curvature"}
     assert seen == {name for text in other.program.texts for name in KERNEL.findall(text)} - unbound
+
+
+@pytest.mark.parametrize("terrain", [None, octo.World([octo.shapes.Box((0.4, 0.4, 0.02), 0.01)])])
+def test_a_soft_body(device, terrain):
+    """Bends, and touches the ground with some of its vertices."""
+    dynamics = octo.soft.SoftDynamics(cloud(3, 40), octo.laws.Smooth(onset=0.02), terrain)
+    start = np.array([0.0, 0.0, 0.14, 0.2, 0.3, -0.1, 0.01, 0.02, -0.01])
+    near = octo.costs.CustomCost(lambda step, p: step.x_next[:3], name="near")
+    costs = [near, octo.costs.Effort(weight=1e-2)]
+    problem = CompiledProblem([octo.Problem(dynamics, steps=6, dt=0.05, x0=start, costs=costs)])
+    unknowns = problem.unknowns(np.repeat(start[None, None], 8, axis=1))
+    unknowns += 0.01 * np.random.default_rng(1).standard_normal(unknowns.shape)
+    lam = np.random.default_rng(0).standard_normal((1, problem.K, problem.ma))
+    expected = problem.linearize(problem.evaluate(unknowns), lam)
+    for threads in (1, 5):
+        gpu = device(threads)
+        other = DeviceProblem(problem, gpu)
+        found = other.linearize(other.evaluate(gpu.array(unknowns)), gpu.array(lam))
+        for name in "HAbC":
+            close(getattr(found, name), getattr(expected, name))
