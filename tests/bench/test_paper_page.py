@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.paper import absent, page, records, run
+from benchmarks.paper import page, records, run
 from benchmarks.paper.run import DOCS, FIGURES, PAGE, RESULTS, main, tables
 
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -25,7 +25,7 @@ def test_the_page_says_what_the_records_say() -> None:
 
 def test_every_figure_is_measured_drawn_and_on_the_page() -> None:
     marked = {found["name"] for found in page.MARKED.finditer(TEXT)}
-    assert marked == {*FIGURES, *absent.ROWS}
+    assert marked == {*FIGURES}
     assert set(FIGURES) == set(DONE)
     assert not [name for name, own in DONE.items() if own["short"]]
     for name, figure in FIGURES.items():
