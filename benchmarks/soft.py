@@ -125,7 +125,7 @@ def figures(problem: octo.Problem, motion: octo.Solution) -> dict[str, Any]:
     bent = np.einsum("nk,pkj->npj", motion.x[1:, 6:], dynamics.body.modes)
     loaded = np.unique(touches.step[np.linalg.norm(touches.force, axis=1) > 0.0])
     return {
-        "status": motion.status.name,
+        "status": motion.status.label,
         "iterations": motion.iterations,
         "energy": motion.energy,
         "violation": motion.violation,

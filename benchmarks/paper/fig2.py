@@ -29,7 +29,7 @@ def rows(records: dict[str, Any]) -> list[Row]:
 
 def _row(name: str, own: dict[str, Any]) -> Row:
     starts = list(own["starts"].values())
-    good = sum(one["status"] == "CONVERGED" and one["held"] for one in starts)
+    good = sum(one["status"] == "converged" and one["held"] for one in starts)
     median = {k: float(np.median([one[k] for one in starts])) for k in ("iterations", "seconds")}
     each = float(np.median([one["seconds"] / one["iterations"] for one in starts]))
     told = (
