@@ -3,9 +3,8 @@ NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
 PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python3.14; do \
 	$$python -c '$(NEW_ENOUGH)' 2>/dev/null && echo $$python && break; done)
 BIN := .venv/bin
-# How many tests run at the same time: one a core, of four at most.
-CORES := $(shell nproc 2>/dev/null || echo 2)
-WORKERS ?= $(shell test $(CORES) -gt 4 && echo 4 || echo $(CORES))
+# How many tests run at the same time: each process comes to hold 2.6 GB.
+WORKERS ?= 2
 
 .PHONY: demo test docs acceptance clean
 
