@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from typing import Any, TypeVar
 
 from octo.digest import digest
 from octo.dynamics.laws import Compliant, ContactLaw, Coulomb, Smooth, Viscous
@@ -12,7 +13,8 @@ from octo.model import store
 from octo.model.character import Character
 from octo.model.terrain import Ground, Plane
 
-KEPT = 8  # texts
+T = TypeVar("T")
+KEPT = 8  # texts, and programs
 # what is compared by its numbers alone: a class that somebody else wrote may say the same twice and
 # mean another force
 LAWS = (Smooth, Compliant)
@@ -39,10 +41,14 @@ def content_of(character: Character, law: ContactLaw, terrain: Ground) -> Hashab
 def kept(key: Hashable, kind: str, make: Callable[[], str]) -> str:
     """The text of that kind of dynamics with that key, made if it is not there; the last few
     are kept."""
-    text = _texts.pop((key, kind), None)
-    if text is None:
-        text = make()
-    _texts[key, kind] = text
-    while len(_texts) > KEPT:
-        _texts.popitem(last=False)
-    return text
+    return recent(_texts, (key, kind), make)
+
+
+def recent(store: OrderedDict[Any, T], key: Any, make: Callable[[], T]) -> T:
+    """What a store has under a key, made if it is not there; it keeps the KEPT that were asked for
+    last."""
+    found = store.pop(key) if key in store else make()
+    store[key] = found
+    while len(store) > KEPT:
+        store.popitem(last=False)
+    return found

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from octo import executors
-from octo.checks import Array
 from octo.errors import OctoError, ProblemError
 from octo.executors import Failed
 from octo.model.character import Character
@@ -47,15 +46,13 @@ class Search:
     name: str
     seconds: float
     how: Mapping[str, Any]
-    pose: Array | None = None  # in which it begins, of those that are POSED
 
 
 def find(search: Search) -> Solution | Failed:
     """Of a worker: the motion of that name."""
     robot, name = search.robot, search.name
-    pose = {} if search.pose is None else {"pose": search.pose}
     try:
-        motion = NAMED[name](robot, search.seconds, **search.how, **pose)
+        motion = NAMED[name](robot, search.seconds, **search.how)
     except OctoError as error:
         return Failed(f"motion {name!r} of {robot.name}: {error}")
     if not motion.converged:
@@ -132,7 +129,8 @@ class _Kept:
         named = not isinstance(self.wanted.motions, Mapping)
         if not named or name not in POSED or abs(own.length - like.length) <= FAR * like.length:
             return own
-        found = find(replace(self.searches[name], pose=like.x[1]))
+        search = self.searches[name]
+        found = find(replace(search, how={**search.how, "pose": like.x[1]}))
         if isinstance(found, Failed):
             raise ProblemError(found.words)
         return found

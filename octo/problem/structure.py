@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from octo.dynamics.content import recent
 from octo.dynamics.evaluate import Dynamics, RobotDynamics
 from octo.errors import OctoError, ProblemError
 from octo.interrupts import postponed
@@ -161,7 +162,6 @@ def _residuals(problem: Problem, terms: Sequence[Term], **more: Any) -> Residual
     return residuals_of(problem.dynamics, terms, problem.setting, between, **more)
 
 
-KEPT = 8  # programs
 _programs: OrderedDict[Any, Program] = OrderedDict()
 
 
@@ -176,13 +176,7 @@ def program_of(problem: Problem, exact: bool = False) -> Program:
     """
     made = _residuals(problem, problem.terms, exact=exact)
     key = (problem.dynamics.key, isinstance(problem.basis_object, Hermite), made.structure)
-    found = _programs.pop(key, None)
-    if found is None:
-        found = Program(problem.dynamics, derived(made))
-    _programs[key] = found
-    while len(_programs) > KEPT:
-        _programs.popitem(last=False)
-    return found
+    return recent(_programs, key, lambda: Program(problem.dynamics, derived(made)))
 
 
 def check_alike(problems: Sequence[Problem]) -> None:

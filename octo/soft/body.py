@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from octo.checks import Array, numbers, one_of, whole
 from octo.errors import ProblemError, ShapeError, ValueRangeError, said
+from octo.model.quantities import GRAVITY
 from octo.soft import stvk as law_of
 from octo.soft.build import ELASTICITY, kept, solid_of
 from octo.soft.material import Material
@@ -24,7 +25,6 @@ DAMPING = 0.0, 0.002  # 1/s and s: 5 % of the critical one at 8 Hz
 STEP, STEPS = 0.025, 4  # s, of a plan; the fewest of them that show a swing
 FAR = 0.05  # of its size: where linear elasticity ends
 MOST = 500  # modes
-PULL = 9.81  # m/s²
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +170,7 @@ class Body:
     @property
     def sag(self) -> float:
         """m, about how far it gives under its own weight: g/ω² of its lowest mode."""
-        return float(PULL / self.stiffness[0, 0])
+        return float(GRAVITY / self.stiffness[0, 0])
 
     @property
     def cautions(self) -> tuple[str, ...]:

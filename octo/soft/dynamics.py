@@ -161,7 +161,7 @@ class SoftDynamics(Dynamics):
         """m, how high the frame is above the lowest vertex at ``start`` (n,); at least 1 % of the
         body's size."""
         at = Nodes.of(self.moments, self._stages[0], start[None])
-        size = float(np.ptp(self.body.points, axis=0).max())
+        size = float(self.body.size.max())
         return max(float(start[2] - self._stages[2].places(at)[..., 2].min()), 0.01 * size)
 
     def row_scale(self, length: float) -> Array:
@@ -278,7 +278,7 @@ SLIDING = 10.0  # s/m, w_par/w_perp
 
 def usual_law(body: Body) -> Smooth:
     """Eq. 6 in proportion to the body."""
-    depth = SUNK * float(np.ptp(body.points, axis=0).max())
+    depth = SUNK * float(body.size.max())
     carrying = max(4.0, len(body.points) / CARRYING)
     w = body.mass * GRAVITY / depth**2 / carrying
     return Smooth(w, depth, Viscous(SLIDING * w))

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from octo.checks import Array
+from octo.soft import stvk
 from octo.soft.body import Body
 from octo.soft.moments import Moments
-from octo.soft.stvk import products
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,51 +44,16 @@ class Elastic:
         damped = (z_next - z) @ self.damping.T
         if self.gram is None:
             return np.asarray(z_next @ self.stiffness.T + damped)
-        made = np.einsum("nmk,nm->nk", _slopes(z_next), _products(z_next) @ self.gram)
-        return np.asarray(made + damped)
+        return np.asarray(stvk.force(self.gram, z_next) + damped)
 
     def tangent(self, z_next: Array) -> Array:
         """(N, r, r) to z_next, without damping."""
-        steps, count = z_next.shape
         if self.gram is None:
-            return np.broadcast_to(self.stiffness, (steps, count, count))
-        slopes = _slopes(z_next)
-        made = slopes.swapaxes(1, 2) @ self.gram @ slopes
-        return np.asarray(made + _paired(_products(z_next) @ self.gram, count))
+            return np.broadcast_to(self.stiffness, (len(z_next), *self.stiffness.shape))
+        return stvk.tangent(self.gram, z_next)
 
     def curvature(self, z_next: Array, lam: Array) -> Array:
         """∂²(lam·force)/∂z_next² (N, r, r) of lam (N, r)."""
-        steps, count = z_next.shape
         if self.gram is None:
-            return np.zeros((steps, count, count))
-        slopes, along = _slopes(z_next), _slopes(lam)
-        along[:, :count] = 0.0
-        both = along.swapaxes(1, 2) @ self.gram @ slopes
-        pull = np.einsum("nmk,nk->nm", slopes, lam) @ self.gram
-        return np.asarray(both + both.swapaxes(1, 2) + _paired(pull, count))
-
-
-def _products(z: Array) -> Array:
-    """w (N, m)."""
-    first, second = products(z.shape[1])
-    return np.concatenate([z, z[:, first] * z[:, second]], axis=1)
-
-
-def _slopes(z: Array) -> Array:
-    """∂w/∂z (N, m, r)."""
-    steps, count = z.shape
-    first, second = products(count)
-    made, each = np.zeros((steps, count + len(first), count)), count + np.arange(len(first))
-    made[:, np.arange(count), np.arange(count)] = 1.0
-    made[:, each, first] += z[:, second]
-    made[:, each, second] += z[:, first]
-    return made
-
-
-def _paired(pull: Array, count: int) -> Array:
-    """Σ_ij pull_ij ∂²(z_i z_j) (N, r, r)."""
-    first, second = products(count)
-    made = np.zeros((len(pull), count, count))
-    made[:, first, second] += pull[:, count:]
-    made[:, second, first] += pull[:, count:]
-    return made
+            return np.zeros((len(z_next), *self.stiffness.shape))
+        return stvk.curvature(self.gram, z_next, lam)

@@ -62,38 +62,56 @@ def gram(mesh: Tetrahedra, material: Material, shapes: Array) -> Array:
 
 def energy(matrix: Array, z: Array) -> float:
     """J."""
-    w = _w(z)
+    w = terms(z)
     return float(0.5 * w @ matrix @ w)
 
 
 def force(matrix: Array, z: Array) -> Array:
-    """(r,) what the energy grows by with each coordinate, J a kg^½ m."""
-    return np.asarray(_slope(z).T @ (matrix @ _w(z)))
+    """(…, r) what the energy grows by with each coordinate, J a kg^½ m, of z (…, r)."""
+    return np.asarray(np.einsum("...mk,...m->...k", term_slopes(z), terms(z) @ matrix))
 
 
 def tangent(matrix: Array, z: Array) -> Array:
-    """(r, r) rad²/s², what ``force`` grows by with each coordinate."""
-    r, slope = len(z), _slope(z)
-    own = (matrix @ _w(z))[r:]
-    bent = np.zeros((r, r))
-    first, second = products(r)
-    bent[first, second] += own
-    bent[second, first] += own
-    return np.asarray(slope.T @ matrix @ slope + bent)
+    """(…, r, r) rad²/s², what ``force`` grows by with each coordinate."""
+    slopes = term_slopes(z)
+    made = slopes.swapaxes(-1, -2) @ matrix @ slopes
+    return np.asarray(made + paired(terms(z) @ matrix, z.shape[-1]))
 
 
-def _w(z: Array) -> Array:
-    first, second = products(len(z))
-    return np.concatenate([z, z[first] * z[second]])
+def curvature(matrix: Array, z: Array, lam: Array) -> Array:
+    """∂²(lam·force)/∂z² (…, r, r) of lam (…, r)."""
+    count, slopes, along = z.shape[-1], term_slopes(z), term_slopes(lam)
+    along[..., :count, :] = 0.0
+    both = along.swapaxes(-1, -2) @ matrix @ slopes
+    pull = np.einsum("...mk,...k->...m", slopes, lam) @ matrix
+    return np.asarray(both + both.swapaxes(-1, -2) + paired(pull, count))
 
 
-def _slope(z: Array) -> Array:
-    """(m, r) ∂w/∂z."""
-    first, second = products(len(z))
-    bent, each = np.zeros((len(first), len(z))), np.arange(len(first))
-    bent[each, first] += z[second]
-    bent[each, second] += z[first]
-    return np.concatenate([np.eye(len(z)), bent])
+def terms(z: Array) -> Array:
+    """w (…, m)."""
+    first, second = products(z.shape[-1])
+    return np.concatenate([z, z[..., first] * z[..., second]], axis=-1)
+
+
+def term_slopes(z: Array) -> Array:
+    """∂w/∂z (…, m, r)."""
+    count = z.shape[-1]
+    first, second = products(count)
+    made = np.zeros((*z.shape[:-1], count + len(first), count))
+    each, own = count + np.arange(len(first)), np.arange(count)
+    made[..., own, own] = 1.0
+    made[..., each, first] += z[..., second]
+    made[..., each, second] += z[..., first]
+    return made
+
+
+def paired(pull: Array, count: int) -> Array:
+    """Σ_ij pull_ij ∂²(z_i z_j) (…, r, r) of pull (…, m)."""
+    first, second = products(count)
+    made = np.zeros((*pull.shape[:-1], count, count))
+    made[..., first, second] += pull[..., count:]
+    made[..., second, first] += pull[..., count:]
+    return made
 
 
 def _slopes(mesh: Tetrahedra, shapes: Array) -> tuple[Array, Array]:

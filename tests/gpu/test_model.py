@@ -25,6 +25,18 @@ def close(found, expected, scale=None):
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11 * max(1e-300, largest))
 
 
+def check_model(device, problem, unknowns):
+    """The model of a kernel of one thread and of five is that of the native code."""
+    lam = np.random.default_rng(0).standard_normal((1, problem.K, problem.ma))
+    expected = problem.linearize(problem.evaluate(unknowns), lam)
+    for threads in (1, 5):
+        gpu = device(threads)
+        other = DeviceProblem(problem, gpu)
+        found = other.linearize(other.evaluate(gpu.array(unknowns)), gpu.array(lam))
+        for name in "HAbC":
+            close(getattr(found, name), getattr(expected, name))
+
+
 @pytest.mark.parametrize("threads", THREADS)
 @pytest.mark.parametrize("basis", ["nodes", "hermite"])
 def test_values(compiled, wiggle, device, basis, threads):
@@ -102,14 +114,7 @@ def test_user_written_dynamics(device):
         [octo.Problem(dynamics, steps=9, dt=0.05, x0=np.array([0.1, 0.3]), costs=costs)]
     )
     unknowns = 0.1 * np.random.default_rng(1).standard_normal((1, problem.K, problem.nc))
-    lam = np.random.default_rng(0).standard_normal((1, problem.K, problem.ma))
-    expected = problem.linearize(problem.evaluate(unknowns), lam)
-    for threads in (1, 5):
-        gpu = device(threads)
-        other = DeviceProblem(problem, gpu)
-        found = other.linearize(other.evaluate(gpu.array(unknowns)), gpu.array(lam))
-        for name in "HAbC":
-            close(getattr(found, name), getattr(expected, name))
+    check_model(device, problem, unknowns)
 
 
 @pytest.mark.parametrize("threads", THREADS)
@@ -208,11 +213,4 @@ def test_a_soft_body(device, terrain):
     problem = CompiledProblem([octo.Problem(dynamics, steps=6, dt=0.05, x0=start, costs=costs)])
     unknowns = problem.unknowns(np.repeat(start[None, None], 8, axis=1))
     unknowns += 0.01 * np.random.default_rng(1).standard_normal(unknowns.shape)
-    lam = np.random.default_rng(0).standard_normal((1, problem.K, problem.ma))
-    expected = problem.linearize(problem.evaluate(unknowns), lam)
-    for threads in (1, 5):
-        gpu = device(threads)
-        other = DeviceProblem(problem, gpu)
-        found = other.linearize(other.evaluate(gpu.array(unknowns)), gpu.array(lam))
-        for name in "HAbC":
-            close(getattr(found, name), getattr(expected, name))
+    check_model(device, problem, unknowns)
