@@ -1,8 +1,7 @@
 """Fig. 11: gaits with and without Markovian regularisation, its convergence, and how long an
 unrolled network is stable (section 8.5), by benchmarks.markovian.
 
-Cells that benchmarks/results/markovian.json holds are kept: ``python -m benchmarks.markovian
---again`` measures them anew.
+Cells that benchmarks/results/markovian.json holds are measured anew with ``--again`` only.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from benchmarks.paper.page import Row, number, seconds
 
 TITLE = "Markovian regularisation (Fig. 11)"
 PANELS = 3
+BENCHMARK = markovian
 LOSSES = {"one_step": "Eq. 14", "recurrent": "Eq. 16"}
 WAYS = {"plain": "Algorithm 1", "markovian": "Algorithm 2"}
 
@@ -27,7 +27,6 @@ def measure(short: bool) -> dict[str, Any]:
     """A summary of the cells of benchmarks.markovian; a short run has one of each, of two rounds
     and two seconds."""
     if not short:
-        markovian.main(["--json", str(markovian.RESULTS)])
         return summary(json.loads(markovian.RESULTS.read_text()))
     own, stride = markovian.repeating()
     found = {

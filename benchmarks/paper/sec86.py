@@ -1,7 +1,6 @@
 """Section 8.6 and Fig. 12: motion graphs of a spider and a mammal, by benchmarks.motion_graph.
 
-What benchmarks/results/motion_graph.json holds is kept: ``python -m benchmarks.motion_graph
---again`` measures it anew.
+What benchmarks/results/motion_graph.json holds is measured anew with ``--again`` only.
 """
 
 from __future__ import annotations
@@ -18,13 +17,13 @@ from benchmarks.paper.page import Row, number, seconds
 
 TITLE = "motion graphs (Fig. 12)"
 PANELS = 0
+BENCHMARK = motion_graph
 PAPER = "“within 60min of computation for each characters”"
 
 
 def measure(short: bool) -> dict[str, Any]:
     """A summary of each graph; a short run has one of two motions of two seconds."""
     if not short:
-        motion_graph.main(["--json", str(motion_graph.RESULTS)])
         return {k: summary(own) for k, own in json.loads(motion_graph.RESULTS.read_text()).items()}
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()

@@ -104,6 +104,18 @@ def test_a_figure_that_is_done_stays(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert [own["records"]["calls"] for own in found.values()] == [6, 5, 4]
 
 
+def test_again_reaches_the_benchmark_behind_a_figure(tmp_path: Path) -> None:
+    """What its own file holds is measured anew when asked to, and never in a short run."""
+    told: list[list[str]] = []
+    behind = types.SimpleNamespace(RESULTS=tmp_path / "own.json", main=told.append)
+    figure = types.ModuleType("figure")
+    vars(figure).update(BENCHMARK=behind, measure=lambda short: {"short": short})
+    for short, again in ((True, True), (False, False), (False, True)):
+        assert run.measured(figure, short, again)["records"] == {"short": short}
+    words = ["--json", str(tmp_path / "own.json")]
+    assert told == [words, [*words, "--again"]]
+
+
 def test_an_unknown_figure_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--only", "fig8,fig99"])
