@@ -68,6 +68,7 @@ _NAMES = {  # by the module that defines them
     "octo.push": "push",
     "octo.replay": "replay",
     "octo.result.solution": "Solution",
+    "octo.soft_motions": "soft_motion soft_replay",
     "octo.solve": "solve",
     "octo.solver.acceptance": "Acceptance",
     "octo.solver.options": "SqpOptions",
@@ -198,6 +199,8 @@ if TYPE_CHECKING:
     from octo.push import push as push
     from octo.replay import replay as replay
     from octo.result.solution import Solution as Solution
+    from octo.soft_motions import soft_motion as soft_motion
+    from octo.soft_motions import soft_replay as soft_replay
     from octo.solve import solve as solve
     from octo.solver.acceptance import Acceptance as Acceptance
     from octo.solver.options import SqpOptions as SqpOptions

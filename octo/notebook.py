@@ -63,7 +63,7 @@ def _of_solution(solution: Solution) -> tuple[str, list[Row]]:
         ("E", f"{solution.energy:.5g}"),
         ("‖C‖∞", f"{solution.violation:.1e} N, {relative:.1e} of the weight"),
     ]
-    if solution.character is not None:
+    if solution.extent is not None:
         travel = ", ".join(f"{metres:.2f}" for metres in solution.com[-1] - solution.com[0])
         rows += [
             ("centre of mass travels", f"({travel}) m"),

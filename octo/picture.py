@@ -15,12 +15,13 @@ from scipy.spatial import cKDTree
 from octo.checks import STILLS, Array, ending, flag, numbers, whole
 from octo.dynamics.crowd import singles_of
 from octo.errors import ModelError, ValueRangeError
-from octo.model.figure import ARROW, Surface, ball, size, tile
+from octo.model.figure import ARROW, Surface, ball, tile
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.skins import Skin, skins
 from octo.result.even import even
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
+from octo.soft.skin import SHADES, posed
 from octo.world.cut import halved, near
 from octo.world.drawn import Drawn, creases, drawn
 from octo.world.primitives import Ground as Floor
@@ -134,18 +135,18 @@ def filmstrip(
     from octo.figure import table
 
     solution = even(motion_of(solution))
-    if solution.character is None:
+    if solution.extent is None:
         raise ModelError("filmstrip needs a character: this motion is one of user-written dynamics")
     frames = _chosen(solution, whole("moments", moments), between)
     path_of_com = solution.com[frames[0] : frames[-1] + 1]
     travel = path_of_com[-1, :2] - path_of_com[0, :2]
-    room = 0.8 * size(solution.character)
+    room = (0.8 if solution.soft is None else 1.1) * solution.extent
     moving = np.linalg.norm(travel) > room
     camera = Camera.beside(float(np.arctan2(*travel[::-1]) if moving else solution.yaw[0]))
     each = travel @ camera.axes[0, :2] / max(len(frames) - 1, 1)
     # (3,) m, to the right from moment to moment
     shift = max(0.0, 1.1 * room - each) * camera.axes[0]
-    scene = Scene(camera, Ground.of(solution), size(solution.character), solution.world)
+    scene = Scene(camera, Ground.of(solution), solution.extent, solution.world)
     scene.visuals = flag("visuals", visuals)
     pictures = 1
     if shift.any() and scene.obstacles:  # which a character beside itself would not be among
@@ -203,24 +204,26 @@ class Scene:
         return not all(isinstance(shape, Floor) for shape in shapes)
 
     def character(self, solution: Solution, frame: int, share: float, shift: Array) -> None:
-        """The character at node ``frame``; ``share`` of the way from the first to the last moment
-        colours it."""
+        """The character, or soft body, at node ``frame``; ``share`` of the way from the first to
+        the last moment colours it."""
+        x = solution.x[frame + 1]
+        color = (1 - share) * FAR + share * NEAR
+        if solution.soft is not None:
+            for surface, shade in posed(solution.soft, x):
+                own = shade if self.colored else color * shade / SHADES[-1]
+                self._add(surface, np.eye(3), shift, own)
+            return
         character = solution.character
         assert character is not None
-        x = solution.x[frame + 1]
         rotation, origin = body_poses(character, x)
-        color = (1 - share) * FAR + share * NEAR
         if self.skins is None:
             self.skins = skins(character, self.visuals, TRIANGLES)
         for own, R, t in zip(self.skins, rotation, origin, strict=True):
             for skin in own:
                 own_color = skin.color if self.colored else None
                 self._add(skin.surface, R, t + shift, color if own_color is None else own_color)
-        centers, singles, loaded = (
-            sphere_centers(character, x),
-            singles_of(character),
-            solution.loaded,
-        )
+        centers, loaded = sphere_centers(character, x), solution.loaded
+        singles = singles_of(character)
         dressed = {look.body for look in character.looks if self.visuals}
         for c, k in enumerate(character.terrain_contacts):
             if k not in singles:  # a vertex of the surface that is drawn
@@ -258,8 +261,7 @@ class Scene:
         self.bodies.append((corners, np.clip(bright[:, None] * color + shine[:, None], 0.0, 1.0)))
 
     def ground_under(self, path: Array) -> None:
-        """Checkered tiles that fade with the distance from ``path`` (k, 3), or the shapes of a
-        world."""
+        """Checkered tiles that fade away from ``path`` (k, 3), or the shapes of a world."""
         if self.terrain is None:
             return
         thinned = path[:: max(1, len(path) // 200), :2]
@@ -306,8 +308,7 @@ class Scene:
         self._add_part(corners[front], bright[front, None] * STONE, path, faded=False)
 
     def _add_part(self, corners: Array, colors: Array, path: Array, faded: bool = True) -> None:
-        """Triangles (f, 3, 3) m in colours (f, 3), cut fine; ``faded``: the colours are so
-        already."""
+        """Triangles (f, 3, 3) m in colours (f, 3), cut fine; ``faded``: they are already."""
         corners, colors = near(corners, colors, path, self.reach, self.fine)
         fade = np.ones(len(corners)) if faded else self._fade(corners.mean(axis=1)[:, :2], path)
         for floor in () if faded else self.floors:  # what is buried is not seen from above

@@ -68,7 +68,8 @@ def plot(solution: Motion, path: str | os.PathLike[str] | None = None) -> Figure
     solution = motion_of(solution)
     rows: list[tuple[float, list[Panel]]] = [(2.2, [_position, _velocity])]
     if solution.loaded.any():
-        rows.append((_height(int(solution.loaded.any(axis=0).sum())), [_contacts]))
+        count = 1 if solution.soft is not None else int(solution.loaded.any(axis=0).sum())
+        rows.append((_height(count), [_contacts]))
     if solution.u.size:
         nu = solution.u.shape[1]
         rows.append((_height(nu) if nu > MOST_LINES else 2.4, [_torques]))
@@ -107,7 +108,8 @@ def _headline(solution: Solution) -> str:
         f"{solution.iterations} iterations, {solution.seconds:.2g} s",
     ]
     if solution.loaded.any():
-        lines[1] += f"; feet sink {1e3 * solution.penetration:.1f} mm, slip {solution.slip:.3f} m/s"
+        what = "feet sink" if solution.soft is None else "it sinks"
+        lines[1] += f"; {what} {1e3 * solution.penetration:.1f} mm, slip {solution.slip:.3f} m/s"
     return "\n".join(lines)
 
 
@@ -119,13 +121,13 @@ def _joints(solution: Solution) -> Array:
 def _position(solution: Solution, axes: Axes) -> None:
     names, values = _followed(solution)
     _lines(axes, solution.times, values, names)
-    custom = solution.character is None
+    custom = solution.extent is None
     axes.set(title="coordinates (rad, m)" if custom else "centre of mass (m)", xlabel="time (s)")
 
 
 def _velocity(solution: Solution, axes: Axes) -> None:
     names, values = _followed(solution)
-    if solution.character is None:
+    if solution.extent is None:
         rate, times, title = solution.v, solution.times, "their rates (rad/s, m/s)"
     else:
         rate = np.diff(values, axis=0) / solution.intervals[:, None]
@@ -137,7 +139,7 @@ def _velocity(solution: Solution, axes: Axes) -> None:
 
 def _followed(solution: Solution) -> tuple[tuple[str, ...], Array]:
     """Names and values (N+1, k) of the first row of panels."""
-    if solution.character is not None:
+    if solution.extent is not None:
         return ("x", "y", "z"), solution.com
     return solution.joint_names[:MOST_LINES], solution.x[1:, :MOST_LINES]
 
@@ -152,10 +154,13 @@ def _lines(axes: Axes, times: Array, values: Array, names: tuple[str, ...]) -> N
 
 
 def _contacts(solution: Solution, axes: Axes) -> None:
-    """One strip per contact, filled up to the normal force, in the same scale for all."""
-    force, names, left_out = _chosen_rows(
-        solution.normal_force, solution.contact_names, np.asarray(solution.loaded.any(axis=0))
-    )
+    """One strip per contact, filled up to the normal force, in the same scale for all; one for
+    all of a soft body's surface."""
+    every, called = solution.normal_force, solution.contact_names
+    ever = np.asarray(solution.loaded.any(axis=0))
+    if solution.soft is not None:
+        every, called, ever = every.sum(axis=1, keepdims=True), ("surface",), np.ones(1, dtype=bool)
+    force, names, left_out = _chosen_rows(every, called, ever)
     edges = solution.times
     top = max(float(force.max()), 1e-12)
     for row, name in enumerate(names):

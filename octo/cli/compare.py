@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +20,10 @@ from octo.cli.arguments import (
     robot_of,
 )
 from octo.cli.output import OutputFolder, Writer, records_of, say_left_out
-from octo.cli.solve import (
-    add_goal_arguments,
-    asked_steps,
-    described,
-    goal_of,
-    report,
-    surroundings,
-    write_json,
-)
+from octo.cli.soft import is_soft
+from octo.cli.soft_solve import check_soft, course_of
+from octo.cli.solve import add_goal_arguments, asked_steps, described, goal_of, report, surroundings
+from octo.cli.written import write_json
 from octo.errors import ProblemError, UnknownNameError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -71,17 +66,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
     check_limits(arguments)
-    cycle, goal, steps = cycle_of(arguments), None, None
+    cycle = cycle_of(arguments)
     if cycle is None:
         arguments.dt = arguments.dt or TIME_STEP
-        goal = goal_of(arguments)
-        steps = asked_steps(goal, arguments)
-    others = solvers_of(arguments.others, arguments.basis, cycle is not None)
+    soft = is_soft(arguments.robot)
+    others = solvers_of(arguments.others, arguments.basis, cycle is not None, soft)
     path = records_of(arguments.json)
     start = None if arguments.start is None else Solution.load(arguments.start)
-    robot = robot_of(arguments)
-    if goal is not None:
-        goal.check(robot)
+    goal, describe = asked_of(arguments, cycle)
     # after the checks: it takes longer to import than they take
     from octo.bench.contest import Contest, Entry
     from octo.devices import resolve_device
@@ -91,19 +83,17 @@ def run(arguments: argparse.Namespace) -> int:
     whole("seeds", arguments.seeds, most=MOST_STARTS)
     whole("seed", arguments.seed, 0, LARGEST_SEED)
     device = resolve_device(arguments.device)
-    if goal is None:
-        problem = repeated(robot, cycle, arguments)
-    else:
-        problem = described(robot, goal, steps, arguments)
+    problem = describe()
     options = settings_of(OPTIONS, *(getattr(arguments, name) for name in LIMITS))
     how = (arguments.passes or 1, arguments.threads, device, start)
     contest = Contest(problem, others, options, *how)
     entries: list[Entry] = []
     interrupted = False
-    kind = "cycle" if goal is None else f"goal {goal.kind}"
+    kind = "cycle" if cycle is not None else f"goal {arguments.goal}"
     steps_of_dt = f"{problem.steps} steps of {problem.dt:g} s"
     head = f"{HEAD}{'bounds':>10s}" if problem.constraints else HEAD
-    print(f"{robot.name}, {steps_of_dt}, {problem.basis_object.name}, {kind}\n{head}", flush=True)
+    name = (problem.character or problem.dynamics).name
+    print(f"{name}, {steps_of_dt}, {problem.basis_object.name}, {kind}\n{head}", flush=True)
     try:
         for entry in contest.run(range(arguments.seed, arguments.seed + arguments.seeds)):
             entries.append(entry)
@@ -121,6 +111,24 @@ def run(arguments: argparse.Namespace) -> int:
     elif path is not None:
         write(path, entries, [record(entry, goal, options) for entry in entries])
     return 130 if interrupted else 0
+
+
+def asked_of(
+    arguments: argparse.Namespace, cycle: Cycle | None
+) -> tuple[Goal | None, Callable[[], Problem]]:
+    """The goal of a robot that is asked for, and what describes the problem; what can be refused
+    is."""
+    if is_soft(arguments.robot):
+        check_soft(arguments)
+        course = course_of(arguments)
+        return None, lambda: course.problem
+    if cycle is not None:
+        robot = robot_of(arguments)
+        return None, lambda: repeated(robot, cycle, arguments)
+    goal = goal_of(arguments)
+    steps, robot = asked_steps(goal, arguments), robot_of(arguments)
+    goal.check(robot)
+    return goal, lambda: described(robot, goal, steps, arguments)
 
 
 def cycle_of(arguments: argparse.Namespace) -> Cycle | None:
@@ -150,16 +158,16 @@ def repeated(robot: Character, cycle: Cycle | None, arguments: argparse.Namespac
     return problem.replace(costs=costs, constraints=held)
 
 
-def solvers_of(words: str | None, basis: str, cycle: bool) -> tuple[str, ...]:
+def solvers_of(words: str | None, basis: str, cycle: bool, soft: bool = False) -> tuple[str, ...]:
     """The solvers beside octo.
 
     Raises
     ------
-    UnknownNameError: no such solver. ProblemError: fatrop was asked for a cycle or in another basis
-        than nodes.
+    UnknownNameError: no such solver. ProblemError: fatrop was asked for a cycle, a soft body, or in
+        another basis than nodes.
     """
     if words is None:
-        return SOLVERS if basis == "nodes" and not cycle else ("ipopt",)
+        return SOLVERS if basis == "nodes" and not (cycle or soft) else ("ipopt",)
     names = tuple(dict.fromkeys(word.strip() for word in words.split(",") if word.strip()))
     for name in names:
         if name not in SOLVERS:
@@ -167,6 +175,11 @@ def solvers_of(words: str | None, basis: str, cycle: bool) -> tuple[str, ...]:
     sees = "a stage may see its own state and control only"
     if "fatrop" in names and cycle:
         raise ProblemError(f"fatrop cannot solve a cycle: {sees}; leave it out of --with")
+    if "fatrop" in names and soft:
+        raise ProblemError(
+            "fatrop needs the dynamics as one expression, a soft body's are loops over its "
+            "surface; leave it out of --with"
+        )
     if "fatrop" in names and basis != "nodes":
         raise ProblemError(
             f"fatrop cannot solve in the {basis} basis: {sees}, and a row of C sums the steps of "
@@ -216,8 +229,9 @@ def record(entry: Any, goal: Goal | None, options: SqpOptions) -> dict[str, Any]
     asked = {"violation": options.tolerance, "dual": options.dual_tolerance}
     asked |= {"step": options.step_tolerance}
     asked |= {name: getattr(options, name) for name in ("plateau", "plateau_change")}
+    found = entry.solution
     return {
-        **(entry.solution.report() if goal is None else report(entry.solution, goal)),
+        **(found.report() if goal is None else report(goal.said(found), goal.kind)),
         **{name: getattr(entry, name) for name in own},
         "pass": entry.number,
         "iteration_limit": options.max_iterations,

@@ -22,7 +22,8 @@ from octo.cli.arguments import (
     whole,
 )
 from octo.cli.output import folder_of
-from octo.cli.solve import FILES, say_written, surroundings, write
+from octo.cli.solve import surroundings
+from octo.cli.written import FILES, say_written, write
 from octo.errors import MirrorError
 from octo.model.character import Character
 from octo.model.mirror import mirror_of

@@ -18,7 +18,7 @@ from octo.cli.arguments import (
     whole,
 )
 from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
-from octo.cli.solve import write_json, write_page
+from octo.cli.written import write_json, write_page
 from octo.errors import UsageError, ValueRangeError
 from octo.model.load import load
 from octo.problem.hard import MU

@@ -9,8 +9,8 @@ from typing import Any
 
 from octo.cli.arguments import BASE, CONTACTS, add_options, add_world_arguments
 from octo.cli.soft import body_of, is_soft
-from octo.cli.solve import finite
 from octo.cli.world import world_of
+from octo.cli.written import finite
 from octo.devices import devices
 from octo.errors import UsageError
 from octo.model.character import Character

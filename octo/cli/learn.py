@@ -21,7 +21,8 @@ from octo.cli.arguments import (
     whole,
 )
 from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
-from octo.cli.solve import described, say_written, write_page, write_plot
+from octo.cli.solve import described
+from octo.cli.written import say_written, write_page, write_plot
 from octo.errors import UsageError
 from octo.goals import Goal
 

@@ -21,8 +21,8 @@ from octo.cli.arguments import (
     whole,
 )
 from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
-from octo.cli.solve import write_json, write_page
 from octo.cli.world import check_covered, ground_of_words
+from octo.cli.written import write_json, write_page
 from octo.errors import ProblemError, UnknownNameError, UsageError, ValueRangeError
 from octo.goals import Goal
 from octo.model.character import Character

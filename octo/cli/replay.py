@@ -8,7 +8,7 @@ import sys
 from octo.checks import one_of
 from octo.cli.arguments import add_options, positive, whole
 from octo.cli.output import OutputFolder, Writer, default_folder, say_left_out
-from octo.cli.solve import write_json, write_page
+from octo.cli.written import write_json, write_page
 from octo.replay import Replay, replay
 from octo.replay.run import FEEDBACKS
 from octo.result.solution import Solution

@@ -20,8 +20,10 @@ from octo.cli.arguments import (
     steps_of,
 )
 from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
-from octo.cli.solve import write_json, write_page
+from octo.cli.soft import is_soft
+from octo.cli.soft_solve import dropped
 from octo.cli.world import ground_of_words
+from octo.cli.written import write_json, write_page
 from octo.dynamics.balance import Balance
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.simulate import Motion, simulate
@@ -53,10 +55,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     steps = steps_of(arguments.seconds, arguments.dt)
     folder = folder_of(arguments.out, arguments.robot, "simulate", FILES)
-    robot = robot_of(arguments)
-    pose = pose_of(robot, arguments.pose)
     began = time.perf_counter()
-    problem = placed(robot, pose, steps, arguments)
+    if is_soft(arguments.robot):
+        problem = dropped(arguments, steps)
+    else:
+        robot = robot_of(arguments)
+        problem = placed(robot, pose_of(robot, arguments.pose), steps, arguments)
     setup = time.perf_counter() - began
     motion = simulate(
         problem.dynamics, problem.start, steps=steps, dt=arguments.dt, parameters=problem.values

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import json
-import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,9 +26,12 @@ from octo.cli.arguments import (
     solver_options,
     steps_of,
 )
-from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
+from octo.cli.output import OutputFolder, folder_of
 from octo.cli.push import add_object_argument, check_push, pushed, target_of
+from octo.cli.soft import is_soft
+from octo.cli.soft_solve import check_soft, soft_solved
 from octo.cli.world import check_covered, ground_of_words
+from octo.cli.written import FILES, say_written, write
 from octo.errors import ProblemError, UsageError
 from octo.goals import Goal
 from octo.model.character import Character
@@ -45,9 +45,11 @@ SECONDS = 10.0  # of motion, where none are asked for …
 RISING = 3.0  # … of getting up
 # goals that natural terms reach with a stride that repeats
 COMPOSED = ("walk", "stride", "turn", "to")
-GOALS = "walk, stride (sideways), turn, to X,Y,YAW, jump, up, push BODY X,Y or stand"
+GOALS = (
+    "walk, stride (sideways), turn, to X,Y,YAW, jump, up, push BODY X,Y or stand; of a soft body "
+    "jump, roll or crawl"
+)
 PLACED = {"to": 1, "push": 2}  # goals that words follow, and how many
-FILES = ("solution.npz", "report.json", "plot.png", "motion.html")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -80,8 +82,8 @@ def add_goal_arguments(
         parser,
         ("--goal", None, "walk", GOALS),
         ("--speed", number, 0.5, "m/s; rad/s for turn, its sign the side"),
-        ("--distance", number, 0.5, "m, of a jump"),
-        ("--height", number, 0.2, "m, of the centre of mass gained by a jump"),
+        ("--distance", number, None, "m, of a jump (default 0.5; a soft body's follows from it)"),
+        ("--height", number, None, "m, of the centre of mass gained by a jump (default 0.2)"),
         (
             "--seconds",
             positive,
@@ -99,6 +101,11 @@ def add_goal_arguments(
 def run(arguments: argparse.Namespace) -> int:
     """Everything that can be refused is refused before anything is compiled."""
     began = time.perf_counter()
+    if is_soft(arguments.robot):
+        check_soft(arguments)
+        folder = folder_of(arguments.out, arguments.robot, arguments.goal, FILES)
+        moved = soft_solved(arguments, began)
+        return ended(folder, moved, arguments.goal, arguments.accept_missed)
     arguments.costs = costs_of(arguments)
     goal = goal_of(arguments)
     composed = goal.preset == "natural" and goal.kind in COMPOSED
@@ -122,26 +129,33 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         problem = described(robot, goal, steps, arguments)
         solution = as_one_problem(problem, goal, start, arguments, began)
-    solution = goal.said(solution)
+    return ended(folder, goal.said(solution), goal.kind, arguments.accept_missed)
+
+
+def ended(folder: OutputFolder, solution: Solution, goal: str, accept_missed: bool) -> int:
+    """Write a motion, say how it went and what came of the goal that alone was asked; the exit
+    code."""
+    (asked,) = solution.asked
     write(folder, solution, lambda: report(solution, goal))
     print(solution)
-    if goal.met(solution):
-        print(f"  {goal.verdict(solution)}")
+    if asked.met:
+        print(f"  {asked}")
     say_written(folder, solution)
     if solution.status is Status.INTERRUPTED:
         return 130
-    return 0 if solution.converged and (arguments.accept_missed or goal.met(solution)) else 1
+    return 0 if solution.converged and (accept_missed or asked.met) else 1
 
 
 def goal_of(arguments: argparse.Namespace) -> Goal:
-    names = {"speed": "speed", "distance": "distance", "height": "height", "preset": "costs"}
     kind, *place = str(arguments.goal).split(" ", 1)
     given: dict[str, Any] = {"kind": kind}
     if kind == "push":
         given["body"], given["place"] = target_of(" ".join(place))
     elif place or kind == "to":
         given["place"] = place_of(" ".join(place))
-    return Goal(**given, **{field: getattr(arguments, name) for field, name in names.items()})
+    sizes = {"distance": arguments.distance, "height": arguments.height}
+    given |= {name: value for name, value in sizes.items() if value is not None}
+    return Goal(**given, speed=arguments.speed, preset=arguments.costs)
 
 
 def place_of(word: str) -> tuple[float, ...]:
@@ -333,62 +347,13 @@ def described(
     return problem
 
 
-def report(solution: Solution, goal: Goal) -> dict[str, Any]:
+def report(solution: Solution, goal: str) -> dict[str, Any]:
     """report.json: the best start, how near it came to its goal, and a record of each start."""
+    (asked,) = solution.asked
     return {
         **solution.report(),
-        "goal": goal.kind,
-        "goal_error": goal.error(solution),
-        "goal_met": goal.met(solution),
+        "goal": goal,
+        "goal_error": asked.error,
+        "goal_met": asked.met,
         "starts": [dict(record) for record in solution.starts],
     }
-
-
-def write(
-    folder: OutputFolder,
-    solution: Solution,
-    report: Callable[[], Mapping[str, Any]],
-    plotted: Callable[[Solution], Solution] = lambda solution: solution,
-) -> None:
-    """The four files; a picture that cannot be drawn, as without the extra 'view', is left out."""
-    writers: dict[str, Writer] = {
-        "solution.npz": solution.save,
-        "report.json": lambda path: write_json(path, report()),
-        "plot.png": lambda path: write_plot(plotted(solution), path),
-        "motion.html": lambda path: write_page(solution, path),
-    }
-    say_left_out(folder.write(writers))
-
-
-def say_written(folder: OutputFolder, solution: Solution) -> None:
-    """Where the files are, and who says why it failed."""
-    more = "" if solution.converged else f"; why it failed: octo explain {folder.path}"
-    print(f"written to {folder.path}{more}")
-
-
-def write_plot(solution: Solution, path: Path) -> None:
-    from octo.plot import plot  # here: what draws is loaded when the numbers are written
-
-    plot(solution, path)
-
-
-def write_page(solution: Solution | Sequence[Solution], path: Path, **options: Any) -> None:
-    from octo.viewer import view
-
-    view(solution, path, **options)
-
-
-def write_json(path: Path, values: Mapping[str, Any] | Sequence[Any]) -> None:
-    text = json.dumps(finite(values), indent=1, ensure_ascii=False, allow_nan=False)
-    path.write_text(f"{text}\n", encoding="utf-8")
-
-
-def finite(value: Any) -> Any:
-    """The same with null for what is not a finite number: JSON has no NaN and no infinity."""
-    if isinstance(value, Mapping):
-        return {key: finite(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(entry) for entry in value]
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    return value.item() if hasattr(value, "item") else value

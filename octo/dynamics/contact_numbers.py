@@ -10,9 +10,11 @@ from octo.checks import Array
 from octo.dynamics import symbolic
 from octo.dynamics.crowd import crowds_of
 from octo.dynamics.evaluate import RobotDynamics
+from octo.dynamics.laws import ContactLaw
+from octo.dynamics.parameters import Layout
 from octo.interrupts import postponed
 from octo.model.kinematics import body_poses
-from octo.model.terrain import World, looked
+from octo.model.terrain import Ground, World, looked
 from octo.world.jet import SIZES
 
 NAMES = ("force", "point", "velocity", "normal")  # of ContactState, (3,) each; its depth follows
@@ -25,19 +27,19 @@ def many(dynamics: RobotDynamics) -> bool:
 
 
 @postponed()
-def _one(dynamics: RobotDynamics) -> ca.Function:
-    """State (13,) of one contact, from the poses (12 each) of its body at x_next and x, its sphere
-    (4), p and, of a world, the place (3,) and the jet (20,) of its look-up."""
+def one_contact(layout: Layout, law: ContactLaw, terrain: Ground) -> ca.Function:
+    """State (13,) of one contact, NAMES and its depth, from the poses (12 each) of its body at
+    x_next and x, its sphere (4), p and, of a world, the place (3,) and the jet (20,) of its
+    look-up."""
     flat = [ca.SX.sym(name, 12) for name in ("next", "now")]
-    sphere, p = ca.SX.sym("sphere", 4), ca.SX.sym("p", dynamics.layout.size)
+    sphere, p = ca.SX.sym("sphere", 4), ca.SX.sym("p", layout.size)
     own = [ca.SX.sym("at", 3), ca.SX.sym("jet", SIZES[-1])]
-    view, terrain = dynamics.layout.view(p), dynamics.terrain
-    inputs = [*flat, sphere, p]
+    view, inputs = layout.view(p), [*flat, sphere, p]
     if isinstance(terrain, World):
         view, inputs = looked(view, own[1], own[0]), [*inputs, *own]
     poses = symbolic.pose_of(flat[0]), symbolic.pose_of(flat[1])
     places = symbolic.contact_places(sphere[:3], sphere[3], *poses, terrain, view)
-    state = symbolic.contact_state(*places, sphere[3], dynamics.law, terrain, view)
+    state = symbolic.contact_state(*places, sphere[3], law, terrain, view)
     found = ca.vertcat(*(getattr(state, name) for name in NAMES), state.depth)
     return ca.Function("contact", inputs, [ca.densify(found)], {"cse": True})
 
@@ -79,7 +81,8 @@ def contact_numbers(
     spheres = [robot.contacts[k] for k in robot.terrain_contacts]
     bodies = [sphere.body for sphere in spheres]
     places = np.array([[*sphere.position, sphere.radius] for sphere in spheres])
-    one, count = _one(dynamics), len(spheres)
+    one = one_contact(dynamics.layout, dynamics.law, dynamics.terrain)
+    count = len(spheres)
     steps = max(1, AT_ONCE // count)
     found = np.empty((len(x), count, 3 * len(NAMES) + 1))
     for first in range(0, len(x), steps):

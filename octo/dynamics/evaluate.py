@@ -43,6 +43,7 @@ class Dynamics:
     layout: names and defaults of p (NP,).
     """
 
+    name: str = "custom"
     curvature_blocks = 6  # of the C text, (n, n) each: CURVATURE
     # (3n, 3n) where the curvature may not be zero, if not what CasADi says of ``symbolic``
     curvature_pattern: NDArray[np.bool_] | None = None

@@ -14,7 +14,6 @@ from octo.errors import MissingExtraError, OutputError
 from octo.export.moments import frame_times
 from octo.export.raster import Pixels, draw
 from octo.files import replacing
-from octo.model.figure import size
 from octo.model.quantities import Array
 from octo.model.skins import skins
 from octo.picture import FORCE, SHADOW, Camera, Ground, Scene
@@ -81,18 +80,19 @@ class Film:
     def __init__(self, motion: Solution, fps: float, visuals: bool, extent: tuple[int, int]):
         self.image: Any = importlib.import_module("PIL.Image")
         self.pen: Any = importlib.import_module("PIL.ImageDraw")
-        character = motion.character
-        assert character is not None
+        character, scale = motion.character, motion.extent
+        assert scale is not None
         self.motion, self.extent = motion, (FINER * extent[0], FINER * extent[1])
         self.depth = np.empty(self.extent[::-1])  # of what is drawn so far
-        scale, com = size(character), motion.com
+        com = motion.com
         travel = com[-1, :2] - com[0, :2]
         moves = float(np.linalg.norm(travel)) > 0.5 * scale
         heading = float(np.arctan2(*travel[::-1]) if moves else motion.yaw[0])
         self.scene = Scene(Camera.beside(heading), Ground.of(motion), scale, motion.world)
         self.scene.visuals, self.scene.colored, self.scene.reach = visuals, True, REACH * scale
         self.scene.fine = PIECE * scale
-        self.scene.skins = skins(character, visuals, FINE)
+        if character is not None:
+            self.scene.skins = skins(character, visuals, FINE)
         self.scene.ground_under(com)
         self.look = self.scene.camera.flat(_followed(com, fps, moves, motion.world is not None))
         rise = 0.0 if motion.world is not None else 0.5 * float(np.ptp(com[:, 2]))

@@ -156,11 +156,9 @@ class Problem(Shown):
 
     def __repr__(self) -> str:
         robot, seconds = self.character, self.steps * self.dt
-        what = (
-            f"{self.dynamics.nx} coordinates of the user's dynamics"
-            if robot is None
-            else robot.name
-        )
+        what = self.dynamics.name if robot is None else robot.name
+        if what == Dynamics.name:
+            what = f"{self.dynamics.nx} coordinates of the user's dynamics"
         begin = "a given state" if self.x0 is not None else "a static pose"
         end = "a free end" if self.x_end is None and self.displacement is None else "a fixed end"
         return "\n".join(

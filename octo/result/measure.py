@@ -21,6 +21,7 @@ from octo.result.bounds import bounds_kept
 from octo.result.residuals import residuals_of
 from octo.result.stride import Stride
 from octo.result.trajectory import TOUCHES, VECTORS
+from octo.soft.dynamics import SoftDynamics
 from octo.world.drawn import sampled
 from octo.world.world import World
 
@@ -49,8 +50,9 @@ def measured(problem: CompiledProblem, at: Evaluation, member: int) -> dict[str,
     robot: Character | None = described.character
     p = problem.p[member]
     return {
-        "name": robot.name if robot is not None else "custom",
+        "name": dynamics.name if robot is None else robot.name,
         "character": robot,
+        "soft": dynamics.coordinates if isinstance(dynamics, SoftDynamics) else None,
         "dt": float(described.dt),
         "basis": problem.basis.name,
         "x": at.nodes[member].copy(),
@@ -100,6 +102,12 @@ def _contacts(
     dynamics: Dynamics, nodes: Array, p: Array, problem: CompiledProblem
 ) -> dict[str, Any]:
     steps = len(nodes) - 2
+    if isinstance(dynamics, SoftDynamics):
+        names, vectors, depth = dynamics.contact_numbers(p, nodes)
+        out: dict[str, Any] = dict(zip(VECTORS, vectors, strict=True))
+        out |= {"contact_depth": depth, "contact_names": names}
+        around = np.concatenate([nodes[1:, :3], out["contact_point"].reshape(-1, 3)])
+        return out | {"ground": ground(dynamics, p, around)}
     count = len(dynamics.character.terrain_contacts) if isinstance(dynamics, RobotDynamics) else 0
     if not isinstance(dynamics, RobotDynamics) or count == 0:
         empty = {name: np.zeros((steps, 0, 3)) for name in VECTORS}
@@ -111,7 +119,7 @@ def _contacts(
         *values, below = problem.kinematics.map(steps)(nodes[2:].T, nodes[1:-1].T, at)
         vectors = [np.asarray(v).reshape(3, steps, count).transpose(1, 2, 0) for v in values]
         depth = np.asarray(below).T.reshape(steps, count)
-    out: dict[str, Any] = dict(zip(VECTORS, vectors, strict=True))
+    out = dict(zip(VECTORS, vectors, strict=True))
     robot = dynamics.character
     out["contact_depth"] = depth
     out["contact_names"] = tuple(robot.contacts[k].name for k in robot.terrain_contacts)
@@ -134,13 +142,13 @@ def _touches(
 
 
 def world_of(dynamics: Dynamics) -> World | None:
-    """The shapes that a robot's ground is made of; None of other grounds."""
-    terrain = dynamics.terrain if isinstance(dynamics, RobotDynamics) else None
+    """The shapes that a robot's or a soft body's ground is made of; None of other grounds."""
+    terrain = dynamics.terrain if isinstance(dynamics, (RobotDynamics, SoftDynamics)) else None
     return terrain if isinstance(terrain, World) else None
 
 
 @postponed()
-def ground(dynamics: RobotDynamics, p: Array, around: Array) -> dict[str, Array]:
+def ground(dynamics: RobotDynamics | SoftDynamics, p: Array, around: Array) -> dict[str, Array]:
     """Heights z (a, b) m of the terrain on a grid x (a,), y (b,) that spans the points ``around``
     (..., 3)."""
     low = around.reshape(-1, 3).min(axis=0) - GROUND_MARGIN

@@ -20,6 +20,8 @@ from octo.result.bounds import Bound
 from octo.result.residuals import Residual
 from octo.result.stride import ARRAYS, Stride
 from octo.result.trajectory import NONE, TOUCHES, VECTORS
+from octo.soft import store as soft_store
+from octo.soft.coordinates import Coordinates
 from octo.solver.status import Status
 from octo.world import store as world_store
 
@@ -27,6 +29,7 @@ from octo.world import store as world_store
 DEFAULTS: dict[str, Any] = {"processor_seconds": 0.0, "seed": 0, "device": "cpu", "stages": {}}
 DEFAULTS |= {"passes": [], "starts": [], "asked": [], "bounds": [], "residuals": [], "phases": 0}
 WORLD = "world_"  # how the names of a world's arrays begin
+SOFT = "soft_"  # … of a soft body's
 PHASE = "phase"  # how the names of a phase's entries begin, behind which its number is
 SINGLE = ("x", "u", "unknowns", "multipliers", "torque_limit", "contact_depth")
 SOLUTION_ARRAYS = (*SINGLE, *VECTORS, *TOUCHES)
@@ -52,6 +55,9 @@ def packed(values: Mapping[str, Any]) -> dict[str, Any]:
     if world is not None:
         plain["world"], own = world_store.to_plain(world)
         arrays |= {f"{WORLD}{name}": value for name, value in own.items()}
+    if values["soft"] is not None:
+        plain["soft"], own = soft_store.to_plain(values["soft"])
+        arrays |= {f"{SOFT}{name}": value for name, value in own.items()}
     if cycle is not None:
         arrays |= {f"cycle_{name}": getattr(cycle, name) for name in ARRAYS}
         plain["cycle"] = cycle.plain()
@@ -112,6 +118,7 @@ def _fields_of(file: Archive) -> dict[str, Any]:
         "device": file.word("device"),
         "ground": _ground(file),
         "world": world_store.of_file(file.plain.get("world"), file.arrays, WORLD),
+        "soft": _soft(file),
         "history": file.group("history_"),
         "slacks": _slacks(file, finite),
         "asked": tuple(_asked(record, finite) for record in file.records("asked")),
@@ -131,6 +138,14 @@ def _fields_of(file: Archive) -> dict[str, Any]:
         if name not in values:
             raise UnknownNameError("entry", name, values)
     return values
+
+
+def _soft(file: Archive) -> Coordinates | None:
+    """The body of a soft body's motion, whose coordinates are x."""
+    found = soft_store.of_file(file.plain.get("soft"), file.arrays, SOFT)
+    if found is not None:
+        file.array("x", (None, found.count))
+    return found
 
 
 def _status(label: str) -> Status:

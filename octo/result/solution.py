@@ -52,8 +52,8 @@ class Solution(Trajectory, Shown):
 
     Attributes
     ----------
-    name: of the robot, or "custom".
-    character: None for user-written dynamics.
+    name: of the robot, or of the soft body; "custom".
+    character: None for user-written dynamics and soft bodies.
     dt: s, of one step; of phases the mean of all (``times`` says when each begins).
     basis: "nodes" or "hermite".
     x: (N+2, nx) configurations x_{-1}, x_0 … x_N, rad and m.
@@ -79,6 +79,7 @@ class Solution(Trajectory, Shown):
         opposite acts on the body of the solid.
     touch_point: (N, m, 3) m, where both act.
     ground: sampled terrain under the motion: x (a,), y (b,), z (a, b) m.
+    soft: of a soft body's motion what x means: its surface, modes and chart; None of others.
     world: the shapes that the motion is on; None on a plane or a user-written terrain.
     history: one column per name of HISTORY, one row per iteration of every pass.
     seconds: of the solve.
@@ -208,13 +209,18 @@ class Solution(Trajectory, Shown):
             f"  ‖C‖∞ = {self.violation:.1e} N of {self.weight:.0f} N weight, pointwise residual "
             f"{self.pointwise_residual:.1e} N",
         ]
-        if self.character is not None:
+        if self.extent is not None:
             travel = ", ".join(f"{metres:.2f}" for metres in self.com[-1] - self.com[0])
             half = self.cycle is not None and self.cycle.mirrored
+            feet, more = ("it", "s") if self.soft is not None else ("feet", "")
+            end = f"largest |u|/limit {self.torque_excess:.2f}"
+            if self.soft is not None:
+                air = float(self.intervals[~self.loaded.any(axis=1)].sum())
+                end = f"it bends by {self.bends:.3g} m at most, and is in the air for {air:.3g} s"
             lines.append(
                 f"  {'in half a stride the ' if half else ''}centre of mass travels ({travel}) m; "
-                f"feet sink {1e3 * self.penetration:.1f} mm and slip "
-                f"{self.slip:.3f} m/s; largest |u|/limit {self.torque_excess:.2f}"
+                f"{feet} sink{more} {1e3 * self.penetration:.1f} mm and slip{more} "
+                f"{self.slip:.3f} m/s; {end}"
             )
         if self.gait is not None:
             lines.append(f"  {self.gait}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -13,12 +14,14 @@ from octo.dynamics.crowd import crowd_columns
 from octo.errors import ProblemError
 from octo.model.character import Character
 from octo.model.feet import LOADED, stances
+from octo.model.figure import size
 from octo.model.kinematics import body_poses, center_of_mass
 from octo.problem.asked import Asked
 from octo.problem.bounds import SAME
 from octo.result.bounds import Bound
 from octo.result.residuals import Residual
 from octo.result.stride import Stride
+from octo.soft.coordinates import Coordinates
 from octo.world.world import World
 
 VECTORS = ("contact_force", "contact_point", "contact_velocity", "contact_normal")  # (N, c, 3)
@@ -60,6 +63,7 @@ class Trajectory:
     touch_force: Array = field(default_factory=NONE.copy)  # (N, m, 3) N
     touch_point: Array = field(default_factory=NONE.copy)  # (N, m, 3) m
     world: World | None = None
+    soft: Coordinates | None = None
     cycle: Stride | None = None
     asked: tuple[Asked, ...] = ()
     bounds: tuple[Bound, ...] = ()
@@ -118,6 +122,8 @@ class Trajectory:
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the coordinates in the order of x."""
+        if self.soft is not None:
+            return self.soft.names
         if self.character is None:
             return tuple(f"x{j}" for j in range(self.x.shape[1]))
         return tuple(joint.name for joint in self.character.joints)
@@ -125,6 +131,8 @@ class Trajectory:
     @property
     def actuated_names(self) -> tuple[str, ...]:
         """Names of the coordinates that u drives, in its order."""
+        if self.soft is not None:
+            return tuple(self.soft.names[j] for j in self.soft.driven)
         if self.character is None:
             return tuple(f"u{j}" for j in range(self.u.shape[1]))
         return tuple(self.character.joints[j].name for j in self.character.actuated)
@@ -132,6 +140,8 @@ class Trajectory:
     @property
     def com(self) -> Array:
         """(N+1, 3) m, centre of mass at x_0 … x_N; zeros for user-written dynamics."""
+        if self.soft is not None:
+            return np.array(self.x[1:, :3])
         if self.character is None:
             return np.zeros((self.steps + 1, 3))
         return center_of_mass(self.character, self.x[1:])
@@ -139,10 +149,30 @@ class Trajectory:
     @property
     def yaw(self) -> Array:
         """(N+1,) rad, unwrapped heading of the base at x_0 … x_N."""
-        if self.character is None:
+        if self.soft is not None:
+            rotation = self.soft.rotation(self.x[1:])
+        elif self.character is None:
             return np.zeros(self.steps + 1)
-        rotation = body_poses(self.character, self.x[1:])[0][:, self.character.base_body]
+        else:
+            rotation = body_poses(self.character, self.x[1:])[0][:, self.character.base_body]
         return np.unwrap(np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]))
+
+    @property
+    def extent(self) -> float | None:
+        """m, the largest side of the robot in its default pose, or of the soft body at rest; None
+        for user-written dynamics, which cannot be drawn."""
+        if self.soft is not None:
+            return float(self.soft.body.size.max())
+        return None if self.character is None else size(self.character)
+
+    @property
+    def bends(self) -> float:
+        """m, how far any point of a soft body's surface is from its place at rest, at most; 0 of
+        what has none."""
+        if self.soft is None:
+            return 0.0
+        own = np.einsum("kr,prj->kpj", self.x[1:, 6:], self.soft.body.modes)
+        return float(np.linalg.norm(own, axis=2).max())
 
     # -- what the feet do --------------------------------------------------------------------------
 
@@ -177,7 +207,10 @@ class Trajectory:
     def loaded(self) -> NDArray[np.bool_]:
         """(N, c) the robot's contacts that carry at least 1 % of the weight; of the many of a body
         that carry as much together, those that carry anything."""
-        return carrying(self.normal_force, self.weight, self.character) & self.own_contacts
+        crowds = [list(range(self.contact_force.shape[1]))]
+        if self.soft is None:
+            crowds = crowd_columns(self.character)
+        return carrying(self.normal_force, self.weight, crowds) & self.own_contacts
 
     @property
     def stance(self) -> NDArray[np.bool_]:
@@ -233,7 +266,7 @@ class Trajectory:
     @property
     def power(self) -> float:
         """W, mean of Σ|u dq/dt| over the motion: work done by the joints and on them; 0 for
-        user-written dynamics."""
+        user-written dynamics and soft bodies."""
         if self.character is None:
             return 0.0
         turned = np.diff(self.x[1:], axis=0)[:, self.character.actuated]  # (N, nu) rad and m
@@ -339,11 +372,13 @@ class Trajectory:
         return tuple(said)
 
 
-def carrying(normal_force: Array, weight: float, character: Character | None) -> NDArray[np.bool_]:
+def carrying(
+    normal_force: Array, weight: float, crowds: Sequence[Sequence[int]]
+) -> NDArray[np.bool_]:
     """(N, c) contacts with normal forces (N, c) N of at least 1 % of the weight; of the many of a
-    body that carry as much together, those that carry anything."""
+    body (``crowds``, which of the c) that carry as much together, those that carry anything."""
     found = np.asarray(normal_force >= LOADED * weight)
-    for columns in crowd_columns(character):
+    for columns in crowds:
         carries = normal_force[:, columns].sum(axis=1) >= LOADED * weight
         found[:, columns] = (normal_force[:, columns] > 0.0) & carries[:, None]
     return found

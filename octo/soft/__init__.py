@@ -2,6 +2,7 @@
 they move."""
 
 from octo.soft.body import Body
+from octo.soft.coordinates import Coordinates
 from octo.soft.dynamics import SoftDynamics
 from octo.soft.gallery import ball, beam
 from octo.soft.model import Model
@@ -11,6 +12,7 @@ from octo.soft.tetrahedra import Tetrahedra
 
 __all__ = [
     "Body",
+    "Coordinates",
     "Model",
     "SoftDynamics",
     "Tetrahedra",

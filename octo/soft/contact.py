@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from octo.checks import Array
 from octo.dynamics import stages
+from octo.dynamics.contact_numbers import NAMES, one_contact
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import Layout
 from octo.model.terrain import ADDRESS, Ground, World, world_at
@@ -69,23 +70,24 @@ class Surface:
         step, vertex = np.nonzero(~(gap <= 0.0))  # a NaN is near
         return step, vertex
 
-
-@dataclass(frozen=True, eq=False)
-class Touches:
-    """Vertices that are near the ground along a motion, C of them.
-
-    Attributes
-    ----------
-    step: (C,) i, of x_i to x_{i+1}. vertex: (C,) which of the body's points.
-    place: (C, 3) m, world, at x_{i+1}. depth: (C,) m, inside the ground where it is positive.
-    force: (C, 3) N on the body, world axes.
-    """
-
-    step: NDArray[np.intp]
-    vertex: NDArray[np.intp]
-    place: Array
-    depth: Array
-    force: Array
+    def states(
+        self, at: Nodes, now: Nodes, p: Array, own: Array, layout: Layout, law: ContactLaw
+    ) -> tuple[tuple[str, ...], list[Array], Array]:
+        """Names (c,) of the vertices that come near the ground; their forces, places, velocities
+        and normals (N, c, 3) and depths (N, c) at ``at``, which ``now`` is a step before; p (NP,),
+        and as the dynamics bind it."""
+        chosen = np.unique(self.touching(at, own)[1])
+        places = self.places(at)[:, chosen]
+        flat, before = places.reshape(-1, 3), self.places(now)[:, chosen].reshape(-1, 3)
+        still = np.tile(np.eye(3).reshape(9, 1), len(flat))
+        poses = [np.concatenate([still, points.T]) for points in (flat, before)]
+        world = self.world(own)
+        look = [] if world is None else [flat.T, world.jets(flat, len(SIZES) - 1).T]
+        given = (*poses, np.zeros((4, len(flat))), np.repeat(p[:, None], len(flat), axis=1), *look)
+        found = np.asarray(one_contact(layout, law, self.terrain)(*given))
+        state = found.T.reshape(*places.shape[:2], -1)
+        names = tuple(f"vertex_{k}" for k in chosen)
+        return names, [state[..., 3 * k : 3 * k + 3] for k in range(len(NAMES))], state[..., -1]
 
 
 class Contacts:

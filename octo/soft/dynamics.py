@@ -10,25 +10,26 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.checks import Array, numbers
+from octo.checks import Array
 from octo.dynamics.evaluate import Dynamics, check_surroundings
 from octo.dynamics.laws import ContactLaw, Smooth, Viscous
 from octo.dynamics.parameters import Layout, bound, section, unbound
-from octo.errors import ModelError, ProblemError, ShapeError, said
+from octo.errors import ModelError
 from octo.model.chart import Chart
 from octo.model.quantities import GRAVITY
 from octo.model.terrain import Ground, Plane, World, own_parameters, signed_distance
 from octo.soft import codegen, inertia, stages
 from octo.soft.body import Body
-from octo.soft.contact import Contacts, Surface, Touches
+from octo.soft.contact import Contacts, Surface
+from octo.soft.coordinates import Coordinates
 from octo.soft.elastic import Elastic
 from octo.soft.moments import Moments
 from octo.soft.nodes import Nodes, Turns
 from octo.soft.rest import at_rest
 from octo.soft.symbolic import forward_dynamics
 
+MOST_LOWERED = 60  # times
 MOST_WRITTEN = 40  # vertices in one expression
-CHARTS = ("zyx", "zxy")
 
 
 class SoftDynamics(Dynamics):
@@ -64,21 +65,14 @@ class SoftDynamics(Dynamics):
         chart: Chart = "zyx",
     ):
         check_surroundings(terrain, law)
-        if not isinstance(body, Body):
-            raise ProblemError(f"body is {said(body)}, must be an octo.soft.Body")
-        if chart not in CHARTS:
-            raise ProblemError(f"chart is {said(chart)}, must be zyx or zxy")
-        self.body, self.chart = body, chart
+        self.coordinates = Coordinates(body, chart, actuated)
+        self.body, self.chart, self.name = body, chart, body.name
         self.law: ContactLaw = usual_law(body) if law is None else law
         self.terrain: Ground = Plane() if terrain is None else terrain
         self.moments = Moments.of(body)
-        count = body.modes.shape[1]
-        self.nx = 6 + count
+        self.nx = self.coordinates.count
         self.layout = Layout.of(_parameters(body, self.law, self.terrain))
-        driven = list(range(count)) if actuated is None else [int(k) for k in actuated]
-        if not set(driven) <= set(range(count)) or len(set(driven)) != len(driven):
-            raise ProblemError(f"actuated is {driven}, must be different modes of 0…{count - 1}")
-        self.actuated = np.array(driven, dtype=np.intp) + 6
+        self.actuated = self.coordinates.driven
         self.unactuated = np.setdiff1d(np.arange(self.nx), self.actuated).astype(np.intp)
 
     @cached_property
@@ -134,28 +128,35 @@ class SoftDynamics(Dynamics):
         ------
         StaticPoseError: it rolls or slides on, or its modes give way.
         """
-        x = np.zeros(self.nx)
-        values = section(self.layout.named(p), "terrain.")
-        x[2] = -float(signed_distance(self.terrain, self.body.points, values).min())
-        return at_rest(self, p, x, self.body.name)
+        return at_rest(self, p, self.on_ground(p, np.zeros(self.nx)), self.body.name)
 
-    def touches(self, x: Array, p: Array) -> Touches:
-        """The vertices that are near the ground along a motion, and the forces on them.
+    def on_ground(self, p: Array, x: Array) -> Array:
+        """(n,) x moved up or down until its lowest vertex is on the ground.
 
         Parameters
         ----------
-        x: (N+2, n) m, rad and kg^½ m, x_{-1}, x_0 … x_N; ``solution.x`` and ``motion.x`` are such.
-        p: (NP,); ``problem.p`` is such.
+        p: (NP,). x: (n,).
         """
-        x = numbers("x", x)
-        if x.ndim != 2 or x.shape[1] != self.nx or len(x) < 3:
-            raise ShapeError("x", x.shape, f"(N+2, {self.nx})")
+        made, values = np.array(x), section(self.layout.named(p), "terrain.")
+        for _ in range(MOST_LOWERED):  # once on level ground, where a distance is a height
+            points = self.coordinates.surface(made[None])[0]
+            gap = float(signed_distance(self.terrain, points, values).min())
+            made[2] -= gap
+            if abs(gap) < 1e-9:
+                break
+        return made
+
+    def contact_numbers(self, p: Array, x: Array) -> tuple[tuple[str, ...], list[Array], Array]:
+        """Names of the vertices that come near the ground, and of each and every step what a
+        robot's contacts have: force, point, velocity and normal (N, c, 3), and depth (N, c).
+
+        Parameters
+        ----------
+        p: (NP,). x: (N+2, n), x_{-1}, x_0 … x_N.
+        """
         turn, _, surface = self._stages
-        nodes, own = Nodes.of(self.moments, turn, x), self.bound(p)
-        found = Contacts(surface, (nodes[2:], nodes[1:-1]), own, 0)
-        values = section(self.layout.named(p), "terrain.")
-        depth = -signed_distance(surface.world(own) or self.terrain, found.place, values)
-        return Touches(found.step, found.vertex, found.place, depth, found.force)
+        at = Nodes.of(self.moments, turn, x)
+        return surface.states(at[2:], at[1:-1], p, self.bound(p), self.layout, self.law)
 
     def length(self, start: Array) -> float:
         """m, how high the frame is above the lowest vertex at ``start`` (n,); at least 1 % of the

@@ -18,7 +18,6 @@ import numpy as np
 from octo.checks import ANIMATED, ending, flag, number
 from octo.errors import MissingExtraError, OutputError, ProblemError, ShapeError
 from octo.files import replacing
-from octo.model.figure import size
 from octo.model.quantities import Array
 from octo.motion_graph.graph import MotionGraph
 from octo.result.even import even
@@ -186,8 +185,7 @@ def _side_by_side(
 ) -> list[Actor]:
     """One actor each, ``apart`` m from the next; by default 1.5 times the larger one."""
     if apart is None:
-        sizes = [size(s.character) for s in solutions if s.character is not None]
-        apart = 1.5 * max(sizes, default=0.0)
+        apart = 1.5 * max((s.extent or 0.0 for s in solutions), default=0.0)
     apart = number("apart", apart)
     offsets = [np.array([0.0, -k * apart, 0.0]) for k in range(len(solutions))]
     return [Actor.of(s, times, o, visuals) for s, o in zip(solutions, offsets, strict=True)]

@@ -131,7 +131,7 @@ class Charts {
     const alone = this.chosen >= 0;
     const whose = this.data.characters.length > 1 ? ` of ${c.label}` : "";
     const units = alone ? [c.units[this.chosen]] : [...new Set(c.units)];
-    const words = units.map((unit) => (unit === "N" ? "forces" : "torques")).join(" and ");
+    const words = units.map((unit) => (unit === "N m" ? "torques" : "forces")).join(" and ");
     const what = alone ? c.joints[this.chosen] : `Joint ${words}`;
     const title = `${what}${whose} (${units.join(", ")})`;
     this.add("text", { class: "title", x: LEFT, y: y + 12 }, title);

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octo.model.figure import size
 from octo.result.solution import Solution
 from octo.viewer.ground import Ground
 from octo.viewer.scene import (
@@ -121,8 +120,7 @@ def _json(data: Any) -> str:
 def _character(actor: Actor, names: Nodes, label: str, k: int, numbers: Numbers) -> dict[str, Any]:
     solution, bodies, feet = actor.solution, list(names.bodies), list(names.feet)
     count = -(-solution.steps // MOST_STEPS)  # steps in a bin of the charts
-    shown = np.flatnonzero(solution.loaded.any(axis=0))
-    joints = [actor.character.joints[j] for j in actor.character.actuated]
+    strips, loaded = _strips(solution)
     torque = np.nan_to_num(solution.u, posinf=0.0, neginf=0.0)
     return {
         "label": label,
@@ -136,12 +134,44 @@ def _character(actor: Actor, names: Nodes, label: str, k: int, numbers: Numbers)
         "arrows": names.arrows,
         "force": numbers.add(arrows_of(actor) if names.arrows else (), GRAIN),
         "chartStep": count * solution.dt,
-        "contacts": [solution.contact_names[c] for c in shown],
-        "contactLoaded": numbers.add(_largest(solution.loaded[:, shown].astype(float), count)),
+        "bent": _bent(actor, names, numbers),
+        "contacts": strips,
+        "contactLoaded": numbers.add(_largest(loaded.astype(float), count)),
         "joints": list(solution.actuated_names) if torque.size else [],
-        "units": ["N m" if joint.kind == "hinge" else "N" for joint in joints],
+        "units": _units(solution),
         "limits": [_limit(value) for value in solution.torque_limit],
         "torque": numbers.add(_largest(torque, count), 1e-4),
+    }
+
+
+def _strips(solution: Solution) -> tuple[list[str], NDArray[np.bool_]]:
+    """Names and load (N, rows) of the contacts that carry at some time; all of a soft body are
+    one."""
+    if solution.soft is not None:
+        return ["surface"], np.asarray(solution.loaded.any(axis=1, keepdims=True))
+    shown = np.flatnonzero(solution.loaded.any(axis=0))
+    return [solution.contact_names[c] for c in shown], solution.loaded[:, shown]
+
+
+def _units(solution: Solution) -> list[str]:
+    """Of what drives each actuated coordinate."""
+    robot = solution.character
+    if robot is None:
+        return ["N kg^-½"] * solution.u.shape[1]
+    joints = (robot.joints[j] for j in robot.actuated)
+    return ["N m" if joint.kind == "hinge" else "N" for joint in joints]
+
+
+def _bent(actor: Actor, names: Nodes, numbers: Numbers) -> dict[str, Any] | None:
+    """How the surface of a soft body follows from its modes."""
+    soft = actor.solution.soft
+    if soft is None or actor.bend is None:
+        return None
+    return {
+        "names": names.bent,
+        "points": numbers.add(soft.body.points, GRAIN**2),
+        "modes": numbers.add(soft.body.modes.swapaxes(0, 1), GRAIN**2),
+        "z": numbers.add(actor.bend, GRAIN),
     }
 
 
@@ -194,8 +224,8 @@ def legend(solution: Solution, forces: bool, feet: bool) -> list[str]:
             entries.append(f'<li><i class="foot" style="background:rgb{color}"></i>{meaning}</li>')
     if forces:
         meaning = "contact force"
-        if solution.character is not None and solution.weight > 0.0:
-            newtons = 0.1 * solution.weight / (ARROW * size(solution.character))  # of 0.1 m
+        if solution.extent is not None and solution.weight > 0.0:
+            newtons = 0.1 * solution.weight / (ARROW * solution.extent)  # of 0.1 m
             meaning += f" (0.1 m is {newtons:.2g} N)"
         style = f"background:rgb{FORCE};color:rgb{FORCE}"
         entries.append(f'<li><i class="arrow" style="{style}"></i>{meaning}</li>')
@@ -206,10 +236,11 @@ def in_words(solution: Solution, loop: bool) -> str:
     """What the motion is: how long, how far, how fast, how much it turns."""
     seconds = solution.steps * solution.dt
     words = [f"one cycle of {seconds:g} s, repeated" if loop else f"{seconds:g} s"]
-    if solution.character is None or solution.character.base == "fixed":
+    room, robot = solution.extent, solution.character
+    if room is None or (robot is not None and robot.base == "fixed"):
         return words[0]
     way = solution.com[-1] - solution.com[0]
-    travel, room = float(np.hypot(way[0], way[1])), size(solution.character)
+    travel = float(np.hypot(way[0], way[1]))
     turn = float(np.degrees(solution.yaw[-1] - solution.yaw[0]))
     if travel > 0.25 * room:
         words.append(f"{travel:.2f} m at {travel / seconds:.2f} m/s")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from octo.dynamics.crowd import crowd_columns
 from octo.model.kinematics import body_poses
 from octo.model.quantities import Array
 from octo.model.quaternions import quaternions
@@ -92,5 +93,6 @@ def _carried(edge: Edge, motion: Solution) -> Array:
         force, loaded = (own[at : at + edge.steps] for own in (motion.contact_force, motion.loaded))
     else:
         force = edge.force
-        loaded = carrying(force[..., 2], motion.weight, motion.character)  # the ground is level
+        crowds = crowd_columns(motion.character)
+        loaded = carrying(force[..., 2], motion.weight, crowds)  # the ground is level
     return np.asarray(np.where(loaded[..., None], force, 0.0))

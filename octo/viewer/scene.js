@@ -13,6 +13,15 @@ function frameAt(times, t) {
   return [low, Math.min(Math.max((t - times[low]) / (times[high] - times[low]), 0), 1)];
 }
 
+// A soft body's surface X + Σ z_k φ_k.
+function bentPoints({ points, modes }, z) {
+  const found = Float32Array.from(points);
+  z.forEach((value, k) => {
+    for (let i = 0; i < found.length; i++) found[i] += value * modes[k * found.length + i];
+  });
+  return found;
+}
+
 // A function (t, lap) that shows that moment; null while viser has not built its nodes yet.
 function makeStage(data, array) {
   const characters = data.characters.map((c) => ({
@@ -21,6 +30,12 @@ function makeStage(data, array) {
     origin: array(c.origin),
     force: array(c.force),
     carries: array(c.carries),
+    bent: c.bent && {
+      names: c.bent.names,
+      points: array(c.bent.points),
+      modes: array(c.bent.modes),
+      z: array(c.bent.z),
+    },
   }));
   const nodes = characters.flatMap((c) => [...c.bodies, ...c.feet, c.arrows]).filter(Boolean);
   const viser = connected(nodes);
@@ -45,18 +60,22 @@ function makeStage(data, array) {
     const [frame, share] = frameAt(times, t);
     const next = Math.min(frame + 1, times.length - 1);
     const step = share > 1e-4 ? next : frame; // forces belong to the step that ends at a frame
-    const row = (values, size, width, k) => {
+    const row = (values, size, width, k, between = mixed) => {
       const at = (f) => values.subarray((f * width + k) * size, (f * width + k + 1) * size);
-      return mixed(at(frame), at(next), share);
+      return between(at(frame), at(next), share);
     };
     const angle = data.cycle ? lap * data.cycle.yaw : 0;
     const messages = [move("/world", aboutZ(angle, row(shift, 3, 1, 0)).map((value) => -value))];
     if (data.cycle && changed("lap", lap)) messages.push(...lapMessages(lap));
     for (const c of characters) {
       c.bodies.forEach((name, b) => {
-        messages.push(turn(name, row(c.rotation, 4, c.bodies.length, b)));
+        messages.push(turn(name, row(c.rotation, 4, c.bodies.length, b, turned)));
         messages.push(move(name, row(c.origin, 3, c.bodies.length, b)));
       });
+      if (c.bent) {
+        const vertices = bentPoints(c.bent, row(c.bent.z, c.bent.z.length / times.length, 1, 0));
+        messages.push(...c.bent.names.map((name) => update(name, { vertices })));
+      }
       c.feet.forEach((name, k) => {
         const loaded = c.carries[step * c.feet.length + k] > 0.5;
         const color = loaded ? data.loadedFoot : data.foot;

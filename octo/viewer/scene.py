@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
 
 from octo.dynamics.crowd import singles_of
 from octo.errors import ModelError
@@ -19,6 +20,7 @@ from octo.model.quantities import Array, interpolated
 from octo.model.quaternions import quaternions
 from octo.model.skins import Skin, skins
 from octo.result.solution import Solution
+from octo.soft.skin import soft_skins
 from octo.viewer.ground import Ground, add_ground, is_level
 
 Color = tuple[int, int, int]
@@ -41,17 +43,20 @@ def frame_times(solutions: Sequence[Solution]) -> Array:
 
 @dataclass(frozen=True)
 class Actor:
-    """One character with its motion at the frames of the picture.
+    """One character, or soft body, with its motion at the frames of the picture.
 
     Attributes
     ----------
+    bodies: their names. scale: m, the size of all of it.
     rotation (frames, bodies, 4): quaternions, real part first; origin (frames, bodies, 3) m.
     com: (frames, 3) m. force, point: (frames, c, 3) N and m. loaded: (frames, c). touch: force on
-        the sphere's body, and where, (frames, m, 3) each, of what touches what.
+        the sphere's body, and where, (frames, m, 3) each, of what touches what. bend: (frames, r)
+        kg^½ m, of a soft body's modes.
     """
 
     solution: Solution
-    character: Character
+    bodies: tuple[str, ...]
+    scale: float
     offset: Array  # (3,) m, where it stands beside the others
     rotation: Array
     origin: Array
@@ -61,28 +66,38 @@ class Actor:
     loaded: NDArray[np.bool_]
     touch: tuple[Array, Array]
     skins: list[list[Skin]]  # of each body
+    bend: Array | None = None
 
     @staticmethod
     def of(solution: Solution, times: Array, offset: Array, visuals: bool = True) -> Actor:
-        character = solution.character
-        if character is None:
+        character, soft, scale = solution.character, solution.soft, solution.extent
+        if scale is None:
             raise ModelError(
                 "view needs a character: a motion of user-written dynamics has no bodies"
             )
         x = interpolated(solution.x[1:], times / solution.dt)
-        turn, origin = body_poses(character, x)
-        turns = [quaternions(turn[:, b]) for b in range(len(character.bodies))]
+        if soft is not None:
+            bodies: tuple[str, ...] = (soft.body.name,)
+            drawn = [soft_skins(soft.body)]
+            com = x[:, :3]
+            turn, origin = soft.rotation(x)[:, None], com[:, None]
+        else:
+            assert character is not None
+            bodies, drawn = tuple(body.name for body in character.bodies), skins(character, visuals)
+            com = center_of_mass(character, x)
+            turn, origin = body_poses(character, x)
+        turns = [quaternions(turn[:, b]) for b in range(len(bodies))]
         # The forces of a step belong to the node that ends it.
         step = np.ceil(times / solution.dt - 1e-4).astype(int) - 1
         step = np.clip(step, 0, max(solution.steps - 1, 0))
         fields = (solution.contact_force, solution.contact_point, solution.loaded)
         force, point, loaded = (values[step] for values in fields)
-        com, rotation = center_of_mass(character, x) + offset, np.stack(turns, axis=1)
+        rotation = np.stack(turns, axis=1)
         push = np.where(solution.touched[..., None], solution.touch_force, 0.0)[step]
         touch = (push, solution.touch_point[step] + offset)
-        drawn = skins(character, visuals)
-        at = (rotation, origin + offset, com, force, point + offset, loaded, touch, drawn)
-        return Actor(solution, character, offset, *at)
+        at = (rotation, origin + offset, com + offset, force, point + offset, loaded, touch)
+        bend = None if soft is None else x[:, 6:]
+        return Actor(solution, bodies, scale, offset, *at, drawn, bend)
 
 
 @dataclass(frozen=True)
@@ -90,11 +105,13 @@ class Nodes:
     """Names of the nodes of one character in the scene.
 
     ``bodies`` and ``feet`` map an index of the character to a name; ``arrows``: None without them.
+    ``bent``: the parts of a soft body's surface, whose points move.
     """
 
     bodies: dict[int, str] = field(default_factory=dict)
     feet: dict[int, str] = field(default_factory=dict)
     arrows: str | None = None
+    bent: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -107,7 +124,8 @@ class Cycle:
     @staticmethod
     def of(actor: Actor) -> Cycle:
         """From the first to the last state of a motion; nothing for a fixed base."""
-        if actor.character.base == "fixed":
+        robot = actor.solution.character
+        if robot is not None and robot.base == "fixed":
             return Cycle(0.0, np.zeros(3))
         yaw = actor.solution.yaw
         turn = float(yaw[-1] - yaw[0])
@@ -133,7 +151,7 @@ def build(
     server: Any, actors: Sequence[Actor], forces: bool
 ) -> tuple[list[Nodes], list[Ground], float]:
     """Fill the scene of a viser server; the names of its nodes and its scale (m)."""
-    scale = max(size(actor.character) for actor in actors)
+    scale = max(actor.scale for actor in actors)
     _set_stage(server, actors)
     server.scene.add_frame("/world", show_axes=False)
     grounds: list[Ground] = []
@@ -158,9 +176,9 @@ def color_of(k: int) -> Color:
 
 def _extent(actor: Actor) -> float:
     """m, the largest of the bodies at the first frame: without contacts more than ``size``."""
-    poses, origins = body_poses(actor.character, actor.solution.x[1:2])
+    turns = Rotation.from_quat(np.roll(actor.rotation[0], -1, axis=1)).as_matrix()
     points = [
-        skin.surface.vertices @ poses[0, b].T + origins[0, b]
+        skin.surface.vertices @ turns[b].T + actor.origin[0, b]
         for b, own in enumerate(actor.skins)
         for skin in own
     ]
@@ -169,7 +187,7 @@ def _extent(actor: Actor) -> float:
 
 def _set_stage(server: Any, actors: Sequence[Actor]) -> None:
     """The camera; light stays as viser has it."""
-    scale = max(max(size(actor.character), _extent(actor)) for actor in actors)
+    scale = max(max(actor.scale, _extent(actor)) for actor in actors)
     firsts = [actor.com[0] - actor.com[0] * (1, 1, 0) + actor.offset for actor in actors]
     wide = scale + 0.4 * float(np.ptp([actor.offset[1] for actor in actors]))
     set_camera(server, np.mean(firsts, axis=0), scale, wide)
@@ -214,34 +232,39 @@ def _add_character(
     server: Any, name: str, actor: Actor, color: Color | None, forces: bool
 ) -> Nodes:
     """``color``: of all of it, None where it stands alone and has its own."""
-    character, ever = actor.character, np.asarray(actor.solution.loaded.any(axis=0))
-    bodies = add_bodies(server, name, character, actor.skins, color)
-    feet = add_feet(server, bodies, character, ever)
+    character, ever = actor.solution.character, np.asarray(actor.solution.loaded.any(axis=0))
+    bodies = add_bodies(server, name, actor.bodies, actor.skins, color)
+    feet = {} if character is None else add_feet(server, bodies, character, ever)
+    bent = [] if actor.bend is None else parts_of(bodies[0], len(actor.skins[0]))
     if not forces or not (ever.any() or actor.touch[0].any()):
-        return Nodes(bodies, feet)
-    add_arrows(server, f"{name}/forces", arrows_of(actor)[0], size(character))
-    return Nodes(bodies, feet, f"{name}/forces")
+        return Nodes(bodies, feet, None, bent)
+    add_arrows(server, f"{name}/forces", arrows_of(actor)[0], actor.scale)
+    return Nodes(bodies, feet, f"{name}/forces", bent)
 
 
 def add_bodies(
     server: Any,
     name: str,
-    character: Character,
+    bodies: Sequence[str],
     looks: Sequence[Sequence[Skin]],
     color: Color | None = None,
 ) -> dict[int, str]:
     """Nodes below ``name`` of the bodies that are drawn; ``color``: of all of them."""
     nodes = {}
-    for b, (body, own) in enumerate(zip(character.bodies, looks, strict=True)):
+    for b, (body, own) in enumerate(zip(bodies, looks, strict=True)):
         if own:
-            nodes[b] = f"{name}/{b}_{_plain(body.name)}"
-        for k, skin in enumerate(own):  # the others move with the first
-            part = nodes[b] if k == 0 else f"{nodes[b]}/part_{k}"
+            nodes[b] = f"{name}/{b}_{_plain(body)}"
+        for skin, part in zip(own, parts_of(nodes.get(b, ""), len(own)), strict=True):
             tint = color or (COLORS[0] if skin.color is None else _shown(skin.color))
             server.scene.add_mesh_simple(
                 part, skin.surface.vertices, skin.surface.faces, color=tint
             )
     return nodes
+
+
+def parts_of(node: str, count: int) -> list[str]:
+    """The nodes of a body's parts: the others move with the first."""
+    return [node if k == 0 else f"{node}/part_{k}" for k in range(count)]
 
 
 def add_feet(
@@ -274,7 +297,7 @@ def arrows_of(actor: Actor) -> Array:
     """(frames, c + 2 m, 2, 3) m, start and end of each arrow, of what touches what one on each
     body; without a force it is out of sight."""
     weight = actor.solution.weight
-    length = ARROW * size(actor.character) / weight if weight > 0.0 else 0.0  # m/N
+    length = ARROW * actor.scale / weight if weight > 0.0 else 0.0  # m/N
     push, where = actor.touch
     point = np.concatenate([actor.point, where, where], axis=1)
     force = np.concatenate([actor.force, push, -push], axis=1)

@@ -100,7 +100,7 @@ def _scene(
     server.scene.add_light_hemisphere("/sky", ground_color=(190, 190, 200), intensity=SKY)
     (ground,) = add_ground(server, "/world/ground", motion, np.zeros(3), scale)
     looks = skins(robot, visuals, fineness=COARSE)
-    bodies = add_bodies(server, "/world/robot", robot, looks)
+    bodies = add_bodies(server, "/world/robot", [body.name for body in robot.bodies], looks)
     feet = add_feet(server, bodies, robot, ever, COARSE)
     contacts = [robot.contacts[k] for k in robot.terrain_contacts]
     used = np.flatnonzero(ever)

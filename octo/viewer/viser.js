@@ -17,12 +17,16 @@ const quaternionAboutZ = (angle, [w, x, y, z]) => {
   return [c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w];
 };
 
-// Between two vectors; between two quaternions the shorter way.
+// Between two vectors.
 function mixed(a, b, share) {
-  const turn = a.length === 4;
-  const sign = turn && a.reduce((sum, value, k) => sum + value * b[k], 0) < 0 ? -1 : 1;
+  return Array.from(a, (value, k) => (1 - share) * value + share * b[k]);
+}
+
+// Between two quaternions, the shorter way.
+function turned(a, b, share) {
+  const sign = a.reduce((sum, value, k) => sum + value * b[k], 0) < 0 ? -1 : 1;
   const sum = Array.from(a, (value, k) => (1 - share) * value + sign * share * b[k]);
-  const norm = turn ? Math.hypot(...sum) : 1;
+  const norm = Math.hypot(...sum);
   return sum.map((value) => value / norm);
 }
 

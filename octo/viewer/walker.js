@@ -114,7 +114,8 @@ class Walker {
     const place = Math.min(this.time / this.data.frame, this.piece.steps);
     const frame = Math.min(Math.floor(place + 1e-6), this.piece.steps - 1);
     const [one, other] = [this.pose(body, frame), this.pose(body, frame + 1)];
-    const [turn, origin] = one.map((value, k) => mixed(value, other[k], place - frame));
+    const turn = turned(one[0], other[0], place - frame);
+    const origin = mixed(one[1], other[1], place - frame);
     return [quaternionAboutZ(this.place.yaw, turn), this.laid(origin)];
   }
 

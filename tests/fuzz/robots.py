@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 import octo
-from octo.cli.solve import finite
+from octo.cli.written import finite
 from octo.model.describe import describe
 from octo.model.gallery import CHARACTERS
 from tests.fuzz.judge import Fault, call

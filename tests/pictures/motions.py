@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+import octo
 from octo.model.character import Character
 from octo.model.kinematics import sphere_centers
 from octo.result.solution import Solution
@@ -89,3 +90,31 @@ def plain(steps: int, dt: float, x: np.ndarray, u: np.ndarray, weight: float) ->
         "seconds": 1.0,
         "setup_seconds": 1.0,
     }
+
+
+def swinging(steps: int = 20, dt: float = 0.05) -> Solution:
+    """A soft ball of coarse elements that swings in its first mode while it rolls along x."""
+    body = octo.soft.ball(divisions=2, modes=4)
+    soft = octo.soft.Coordinates(body, "zxy")
+    times = dt * np.arange(-1, steps + 1)
+    x = np.zeros((steps + 2, soft.count))
+    x[:, 0], x[:, 2], x[:, 5] = 0.4 * times, 0.2, 2.0 * times
+    x[:, 6] = 0.1 * np.sin(2.0 * np.pi * times)
+    lowest = np.argmin(soft.surface(x)[..., 2], axis=1)
+    place = soft.surface(x)[np.arange(len(x)), lowest][2:, None]
+    up = np.broadcast_to([0.0, 0.0, 1.0], place.shape).copy()
+    weight, random = 9.81 * body.mass, np.random.default_rng(0)
+    return Solution(
+        **plain(steps, dt, x, random.normal(size=(steps, 4)), weight),
+        name=body.name,
+        character=None,
+        soft=soft,
+        torque_limit=np.full(4, np.inf),
+        contact_names=("vertex_0",),
+        contact_force=weight * up,
+        contact_point=place,
+        contact_velocity=np.zeros_like(place),
+        contact_normal=up,
+        contact_depth=np.zeros(place.shape[:2]),
+        ground={"x": np.array([-1.0, 2.0]), "y": np.array([-1.0, 1.0]), "z": np.zeros((2, 2))},
+    )

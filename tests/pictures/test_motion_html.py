@@ -178,3 +178,27 @@ def test_a_cycle_goes_on_without_a_seam(tmp_path: Path) -> None:
         after = picture(page)
         page.evaluate("octoPlayer.seek(0.5 * octoPlayer.end)")
         assert changed(before, after) < 0.02 * changed(before, picture(page))
+
+
+def test_a_soft_body_bends_on_the_page(tmp_path: Path) -> None:
+    """Its vertices are those of the modes, between two frames too; the picture changes."""
+    motion = motions.swinging()
+    assert motion.soft is not None
+    with opened(motion, tmp_path) as page:
+        seen = []
+        for frame, share in ((5, 0.0), (15, 0.5)):
+            page.evaluate(f"octoPlayer.seek({(frame + share) * motion.dt})")
+            seen.append(picture(page))  # once it stands still
+            found = page.evaluate(
+                "Array.from(window.__viserMutable.nodeRefFromName["
+                "octoPlayer.data.characters[0].bent.names[0]].getObjectByProperty('isMesh', true)"
+                ".geometry.attributes.position.array)"
+            )
+            z = (1.0 - share) * motion.x[frame + 1, 6:] + share * motion.x[frame + 2, 6:]
+            wanted = motion.soft.body.deformed(z)
+            np.testing.assert_allclose(np.reshape(found, (-1, 3)), wanted, atol=2e-4)
+        assert changed(*seen) > 0.01
+        bars = page.evaluate(
+            "[...document.querySelectorAll('rect.loaded')].map(bar => bar.dataset.foot)"
+        )
+        assert set(bars) == {"surface"}

@@ -107,25 +107,26 @@ def test_a_drop_changes_momentum_by_the_impulse_and_loses_energy() -> None:
     Y = np.column_stack([body.points, modes, np.ones(len(modes))])
     at = np.einsum("nia,pa->npi", T, Y)
     forces = np.zeros((len(motion.u), 3))
-    place, before = ca.SX.sym("place", 3), ca.SX.sym("before", 3)
+    at_next, before = ca.SX.sym("place", 3), ca.SX.sym("before", 3)
     p = {name: ca.SX(v) for name, v in dynamics.law.parameters.items()}
-    law = dynamics.law.force(-place[2], ca.SX([0, 0, 1]), (place - before) / motion.dt, p)
-    inside = ca.if_else(place[2] < dynamics.law.reach(p), law, ca.SX(3, 1))
-    force = ca.Function("force", [place, before], [inside])
+    law = dynamics.law.force(-at_next[2], ca.SX([0, 0, 1]), (at_next - before) / motion.dt, p)
+    inside = ca.if_else(at_next[2] < dynamics.law.reach(p), law, ca.SX(3, 1))
+    force = ca.Function("force", [at_next, before], [inside])
     for i in range(len(forces)):
         forces[i] = np.asarray(force(at[i + 2].T, at[i + 1].T)).sum(axis=1)
-    found = dynamics.touches(motion.x, dynamics.layout.pack(dt=motion.dt))
-    total = np.zeros_like(forces)
-    np.add.at(total, found.step, found.force)
-    np.testing.assert_allclose(total, forces, atol=1e-9)
-    np.testing.assert_allclose(found.place, at[found.step + 2, found.vertex], atol=1e-12)
-    np.testing.assert_allclose(found.depth, -found.place[:, 2], atol=1e-12)
+    own = dynamics.layout.pack(dt=motion.dt)
+    names, (found, place, speed, _), depth = dynamics.contact_numbers(own, motion.x)
+    chosen = [int(name.removeprefix("vertex_")) for name in names]
+    np.testing.assert_allclose(found.sum(axis=1), forces, atol=1e-9)
+    np.testing.assert_allclose(place, at[2:, chosen], atol=1e-12)
+    np.testing.assert_allclose(speed, np.diff(at[1:, chosen], axis=0) / motion.dt, atol=1e-9)
+    np.testing.assert_allclose(depth, -place[..., 2], atol=1e-12)
     linear, _ = momenta(dynamics, motion)
     weight = np.array([0.0, 0.0, -body.mass * G])
     np.testing.assert_allclose(np.diff(linear, axis=0), motion.dt * (forces + weight), atol=1e-7)
     assert forces[:, 2].max() > 3.0 * body.mass * G and np.abs(motion.x[:, 6:]).max() > 1e-3
-    own = energy(dynamics, motion)  # without what the contacts hold, which is not negative
-    assert (own <= own[0] + 1e-9).all() and own[-1] < 0.9 * own[0]
+    energies = energy(dynamics, motion)  # without what the contacts hold, which is not negative
+    assert (energies <= energies[0] + 1e-9).all() and energies[-1] < 0.9 * energies[0]
     assert linear[:, 2].max() > 0.2  # it leaves the ground
 
 
