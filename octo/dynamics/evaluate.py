@@ -44,6 +44,7 @@ class Dynamics:
     """
 
     name: str = "custom"
+    names: tuple[str, ...] | None = None  # (n,) of the coordinates, where they have any
     curvature_blocks = 6  # of the C text, (n, n) each: CURVATURE
     # (3n, 3n) where the curvature may not be zero, if not what CasADi says of ``symbolic``
     curvature_pattern: NDArray[np.bool_] | None = None

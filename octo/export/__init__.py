@@ -47,7 +47,7 @@ def export(
     Raises
     ------
     MissingExtraError: the library of that format is not installed. ModelError: user-written
-        dynamics have no bodies; BVH has no joints that slide.
+        dynamics have no bodies; BVH has no joints that slide; soft bodies are in videos alone.
     ProblemError: ``repeat`` of a motion that is no cycle. ValueRangeError: ``fps``, ``repeat``, a
         motion that is not finite.
     OutputError: the file cannot be written, or its ending is none of these.
@@ -61,10 +61,12 @@ def export(
         raise ValueRangeError(f"fps is {rate:g}, must be at most {most:g} of a {kind} file")
     count, looks = whole("repeat", repeat), flag("visuals", visuals)
     motion = repeated(motion_of(solution), count)
-    if motion.character is None:
+    if motion.extent is None:
         raise ModelError(
             "export needs a character: a motion of user-written dynamics has no bodies"
         )
+    if motion.soft is not None and kind in (".glb", ".bvh"):
+        raise ModelError(f"a soft body has no joints, a {kind} does: write an .mp4 or a .gif")
     numbers("x of the motion", motion.x)
     if kind == ".glb":
         write_gltf(motion, target, rate, looks)

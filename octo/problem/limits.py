@@ -92,7 +92,9 @@ class _Symmetric(Constraint):
         chosen, _, size = self._limited(robot, len(own))
         words = [in_words(robot, int(own[k]), self.units) for k in chosen]
         if robot is None and self.units == TORQUE:
-            words = [(f"u{k}", "") for k in chosen]
+            names = setting.names
+            called = [f"u{k}" if names is None else names[own[k]] for k in chosen]
+            words = [(name, "") for name in called]
         return [Row(*each, float(one)) for each, one in zip(words, size, strict=True)]
 
 

@@ -343,6 +343,7 @@ class Problem(Shown):
             torque_reference=self.torque_reference,
             character=robot,
             terrain=self.dynamics.terrain if isinstance(self.dynamics, RobotDynamics) else None,
+            names=self.dynamics.names,
         )
 
     def __getstate__(self) -> dict[str, Any]:

@@ -45,6 +45,7 @@ class Setting:
     torque_reference: float  # N m, u_ref of the effort (Problem.torque_reference)
     character: Character | None  # None for user-written dynamics
     terrain: Ground | None = None  # the same
+    names: tuple[str, ...] | None = None  # (nx,) of the coordinates, where there is no character
 
     @cached_property
     def feet(self) -> list[int]:

@@ -67,6 +67,7 @@ class SoftDynamics(Dynamics):
         check_surroundings(terrain, law)
         self.coordinates = Coordinates(body, chart, actuated)
         self.body, self.chart, self.name = body, chart, body.name
+        self.names = self.coordinates.names
         self.law: ContactLaw = usual_law(body) if law is None else law
         self.terrain: Ground = Plane() if terrain is None else terrain
         self.moments = Moments.of(body)

@@ -93,6 +93,8 @@ def test_a_motion_says_whose_it_is_and_how_it_went() -> None:
     assert motion.joint_names[:6] == tuple(base.split())
     assert motion.actuated_names == ("mode_1", "mode_2", "mode_3", "mode_4")
     text = str(motion)
+    (bound,) = motion.bounds
+    assert bound.row.startswith("mode_") and bound.held
     assert text.startswith("cloud, ") and "it sinks" in text and "in the air for" in text
     report = motion.report()
     assert report["robot"] == "cloud" and report["com_travel"][0] == pytest.approx(-0.2, abs=0.02)
@@ -161,3 +163,39 @@ def test_where_it_ends_is_as_deep_in_the_ground_as_where_it_began() -> None:
 def test_what_is_not_possible_is_one_line(given: dict, kind: type, said: str) -> None:
     with pytest.raises(kind, match=said):
         octo.soft_motion(**{"body": cloud(4, 60), "device": "cpu", **given})
+
+
+def test_a_replay_in_shorter_steps_follows_the_plan_and_better_with_springs() -> None:
+    plan = moved("roll")
+    off = {}
+    for stiffness in (0.0, 3000.0):
+        played = octo.soft_replay(plan, times=5, stiffness=stiffness, damping=0.01 * stiffness)
+        assert played.converged.all() and played.dt == pytest.approx(plan.dt / 5)
+        off[stiffness] = np.linalg.norm(played.x[1::5, :3] - plan.x[1:, :3], axis=1).max()
+    assert off[3000.0] < 0.7 * off[0.0] and off[3000.0] < 0.2
+    same = octo.soft_replay(plan, times=1, stiffness=0.0, damping=0.0)  # to the plan's tolerance
+    np.testing.assert_allclose(same.x[:5], plan.x[:5], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"times": 0}, "times"),
+        ({"stiffness": -1.0}, "must be at least 0"),
+        ({"dynamics": "ball"}, "SoftDynamics"),
+        ({"plan": "ball"}, "Solution"),
+    ],
+)
+def test_a_replay_that_is_not_possible_is_one_line(given: dict, said: str) -> None:
+    with pytest.raises(errors.OctoError, match=said):
+        octo.soft_replay(**{"plan": moved("roll"), **given})
+
+
+def test_films_show_it_and_skeletons_do_not(tmp_path: Path) -> None:
+    with pytest.raises(errors.ModelError, match="a soft body has no joints"):
+        octo.export(moved("roll"), tmp_path / "a.glb")
+    pytest.importorskip("imageio_ffmpeg")
+    body = soft.ball(divisions=2, modes=4)
+    motion = octo.soft_motion(body, "crawl", 0.05, seconds=0.5, device="cpu", max_iterations=5)
+    octo.export(motion, tmp_path / "a.gif", fps=10)
+    assert (tmp_path / "a.gif").stat().st_size > 5000
