@@ -30,7 +30,8 @@ def export(
     Between two nodes the coordinates x change linearly, as on the page of :func:`octo.view`.
 
     A .glb has the bodies as nodes, with their meshes and materials, key frames of translation and
-    rotation, the ground and the shapes of a world; metres, y up. Beside the frames it has as many
+    rotation, the ground and the shapes of a world; metres, y up. A soft body has a morph target for
+    each mode. Beside the frames it has as many
     key frames as it takes for every body to be within 0.1 mm of the motion at all times. A .bvh is
     the robot's skeleton alone, in metres and degrees, y up: a root with six channels, joints with
     three. Objects are left out, which is warned of. A video shows the character in front of a
@@ -47,7 +48,7 @@ def export(
     Raises
     ------
     MissingExtraError: the library of that format is not installed. ModelError: user-written
-        dynamics have no bodies; BVH has no joints that slide; soft bodies are in videos alone.
+        dynamics have no bodies; BVH has no joints that slide, and no soft bodies.
     ProblemError: ``repeat`` of a motion that is no cycle. ValueRangeError: ``fps``, ``repeat``, a
         motion that is not finite.
     OutputError: the file cannot be written, or its ending is none of these.
@@ -65,8 +66,8 @@ def export(
         raise ModelError(
             "export needs a character: a motion of user-written dynamics has no bodies"
         )
-    if motion.soft is not None and kind in (".glb", ".bvh"):
-        raise ModelError(f"a soft body has no joints, a {kind} does: write an .mp4 or a .gif")
+    if motion.soft is not None and kind == ".bvh":
+        raise ModelError("a soft body has no joints, a .bvh is of joints: write a .glb or a video")
     numbers("x of the motion", motion.x)
     if kind == ".glb":
         write_gltf(motion, target, rate, looks)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,51 +16,59 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octo.errors import MissingExtraError
-from octo.export.moments import configurations, key_times, on_parents
+from octo.export.moments import configurations, key_times, on_parents, parents_of
 from octo.export.stage import stage
 from octo.files import replacing
-from octo.model.character import Character
 from octo.model.figure import Faces, Surface
 from octo.model.quantities import Array
 from octo.model.skins import SHARP, Skin, skins
 from octo.picture import NEAR
 from octo.result.trajectory import Trajectory
+from octo.soft.body import Body
+from octo.soft.skin import soft_skins
 
 MOST = 20_000  # triangles of a mesh of the robot's file, about
 ROUGH = 0.7  # of all materials; none is a metal
 UPRIGHT = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]  # x, y, z, w: a quarter turn about x
 MOVES = 1e-7  # m, and of a quaternion: by less nothing moves
+LEAST = 1e-9  # kg^½ m, of a mode's swing
 
 
 def write_gltf(motion: Trajectory, target: Path, fps: float, visuals: bool) -> None:
     """Write ``target`` (.glb); raises as :func:`octo.export` does."""
-    character = motion.character
-    assert character is not None
     with replacing(target) as beside:
         document = Document()
-        own = skins(character, visuals, MOST)
+        if motion.soft is not None:
+            looks, names = [soft_skins(motion.soft.body)], ["surface"]
+        else:
+            assert motion.character is not None
+            looks = skins(motion.character, visuals, MOST)
+            names = [body.name for body in motion.character.bodies]
         reach = [
             max((float(np.linalg.norm(s.surface.vertices, axis=1).max()) for s in parts), default=0)
-            for parts in own
+            for parts in looks
         ]
         times = key_times(motion, fps, np.array(reach))
-        turn, place = on_parents(character, configurations(motion, times))
+        x = configurations(motion, times)
+        turn, place = on_parents(motion, x)
         turn = turn[..., [1, 2, 3, 0]]
+        bend = None if motion.soft is None else Bend.of(motion.soft.body, x[:, 6:])
         meshes = [
-            document.mesh(body.name, parts)
-            for body, parts in zip(character.bodies, own, strict=True)
+            document.mesh(name, parts, bend) for name, parts in zip(names, looks, strict=True)
         ]
-        nodes = _add_bodies(document, character, meshes, turn[0], place[0])
+        parents = parents_of(motion)
+        nodes = _add_bodies(document, names, parents, meshes, turn[0], place[0])
         still = [document.node(name, document.mesh(name, parts)) for name, parts in stage(motion)]
-        roots = [nodes[b] for b, body in enumerate(character.bodies) if body.parent < 0]
+        roots = [nodes[b] for b in np.flatnonzero(parents < 0)]
         top = document.node(motion.name, None, roots + still, rotation=UPRIGHT)
-        document.animate(times, nodes, turn, place)
+        document.animate(times, nodes, turn, place, bend)
         document.save(beside, top)
 
 
 def _add_bodies(
     document: Document,
-    character: Character,
+    names: Sequence[str],
+    parents: NDArray[np.intp],
     meshes: Sequence[int | None],
     turn: Array,
     place: Array,
@@ -68,12 +77,33 @@ def _add_bodies(
     nodes = [0] * len(meshes)
     children: list[list[int]] = [[] for _ in meshes]
     for b in reversed(range(len(meshes))):  # children come behind their parents
-        body = character.bodies[b]
         pose = {"rotation": turn[b].tolist(), "translation": place[b].tolist()}
-        nodes[b] = document.node(body.name, meshes[b], children[b], **pose)
-        if body.parent >= 0:
-            children[body.parent].insert(0, nodes[b])
+        nodes[b] = document.node(names[b], meshes[b], children[b], **pose)
+        if parents[b] >= 0:
+            children[parents[b]].insert(0, nodes[b])
     return nodes
+
+
+@dataclass(frozen=True)
+class Bend:
+    """A soft body as its shape where all modes are least, and one morph target a mode, whose weight
+    goes from 0 to 1: programs have sliders for no others.
+
+    Attributes
+    ----------
+    points: (P, 3) m. targets: (r, P, 3) m. weights: (k, r).
+    """
+
+    points: Array
+    targets: Array
+    weights: Array
+
+    @staticmethod
+    def of(body: Body, z: Array) -> Bend:
+        """At z (k, r) kg^½ m."""
+        least, span = z.min(axis=0), np.maximum(np.ptp(z, axis=0), LEAST)
+        targets = span[:, None, None] * body.modes.swapaxes(0, 1)
+        return Bend(body.deformed(least), targets, (z - least) / span)
 
 
 class Document:
@@ -100,23 +130,40 @@ class Document:
         node = self.lib.Node(name=name, mesh=mesh, children=list(children), **pose)
         return self._kept(self.file.nodes, node)
 
-    def mesh(self, name: str, parts: Sequence[Skin]) -> int | None:
+    def mesh(self, name: str, parts: Sequence[Skin], bend: Bend | None = None) -> int | None:
         """One mesh of several surfaces, each with its material; None where there are none."""
         if not parts:
             return None
-        primitives = [self._primitive(part) for part in parts]
-        return self._kept(self.file.meshes, self.lib.Mesh(name=name, primitives=primitives))
+        if bend is None:
+            mesh = self.lib.Mesh(primitives=[self._primitive(part) for part in parts])
+        else:
+            weights = bend.weights[0].tolist()
+            mesh = self.lib.Mesh(primitives=self._bent(parts, bend), weights=weights)
+        mesh.name = name
+        return self._kept(self.file.meshes, mesh)
 
-    def animate(self, times: Array, nodes: Sequence[int], turn: Array, place: Array) -> None:
+    def animate(
+        self,
+        times: Array,
+        nodes: Sequence[int],
+        turn: Array,
+        place: Array,
+        bend: Bend | None = None,
+    ) -> None:
         """Key frames at ``times`` (k,) s of rotations (k, nodes, 4) and translations (k, nodes,
-        3): of what moves."""
+        3): of what moves; and of the first node's morph targets."""
         motion = self.lib.Animation(name="motion")
         moments = self.numbers(times, bounds=True)
-        for k, node in enumerate(nodes):
-            for path, values in (("rotation", turn[:, k]), ("translation", place[:, k])):
-                if np.ptp(values, axis=0).max() < MOVES:
-                    continue
-                output = self.numbers(values)
+        tracks = [
+            (node, path, values)
+            for k, node in enumerate(nodes)
+            for path, values in (("rotation", turn[:, k]), ("translation", place[:, k]))
+        ]
+        if bend is not None:
+            tracks.append((nodes[0], "weights", bend.weights))
+        for node, path, values in tracks:
+            if np.ptp(values, axis=0).max() >= MOVES:
+                output = self.numbers(values.ravel() if path == "weights" else values)
                 sampler = self.lib.AnimationSampler(input=moments, output=output)
                 goal = self.lib.AnimationChannelTarget(node=node, path=path)
                 number = self._kept(motion.samplers, sampler)
@@ -163,6 +210,28 @@ class Document:
             indices=self.numbers(faces.ravel(), self.lib.ELEMENT_ARRAY_BUFFER),
             material=self._material(NEAR if part.color is None else part.color),
         )
+
+    def _bent(self, parts: Sequence[Skin], bend: Bend) -> list[Any]:
+        """Primitives of one set of points."""
+        corners = np.concatenate([part.surface.faces for part in parts])
+        whole = self.trimesh.Trimesh(bend.points, corners, process=False)
+        attributes = self.lib.Attributes(
+            POSITION=self.numbers(bend.points, self.lib.ARRAY_BUFFER, bounds=True),
+            NORMAL=self.numbers(np.array(whole.vertex_normals), self.lib.ARRAY_BUFFER),
+        )
+        targets = [
+            {"POSITION": self.numbers(one, self.lib.ARRAY_BUFFER, bounds=True)}
+            for one in bend.targets
+        ]
+        return [
+            self.lib.Primitive(
+                attributes=attributes,
+                indices=self.numbers(part.surface.faces.ravel(), self.lib.ELEMENT_ARRAY_BUFFER),
+                material=self._material(NEAR if part.color is None else part.color),
+                targets=targets,
+            )
+            for part in parts
+        ]
 
     def _shaded(self, surface: Surface) -> tuple[Array, Array, Faces]:
         """Vertices (v, 3) m, normals (v, 3) and faces (f, 3): smooth but where it is sharp."""

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from octo.model.character import Character
 from octo.model.kinematics import body_poses
 from octo.model.quantities import Array
 from octo.model.quaternions import quaternions
@@ -28,11 +27,27 @@ def configurations(motion: Trajectory, times: Array) -> Array:
     return np.stack([np.interp(times, motion.times, column) for column in motion.x[1:].T], axis=1)
 
 
-def on_parents(character: Character, x: Array) -> tuple[Array, Array]:
+def poses_of(motion: Trajectory, x: Array) -> tuple[Array, Array]:
+    """Rotations (k, bodies, 3, 3) and origins (k, bodies, 3) m in the world at x (k, nx); of a soft
+    body those of its frame."""
+    if motion.soft is not None:
+        return motion.soft.rotation(x)[:, None], x[:, None, :3]
+    assert motion.character is not None
+    return body_poses(motion.character, x)
+
+
+def parents_of(motion: Trajectory) -> NDArray[np.intp]:
+    """(bodies,) the body that each one is on, -1 of those in the world."""
+    robot = motion.character
+    bodies = () if robot is None else robot.bodies
+    return np.array([body.parent for body in bodies] or [-1], dtype=np.intp)
+
+
+def on_parents(motion: Trajectory, x: Array) -> tuple[Array, Array]:
     """Quaternions (k, bodies, 4), real part first, and origins (k, bodies, 3) m of every body in
     the frame of its parent at x (k, nx)."""
-    R, t = body_poses(character, x)
-    parent = np.array([body.parent for body in character.bodies])
+    R, t = poses_of(motion, x)
+    parent = parents_of(motion)
     inner = np.flatnonzero(parent >= 0)
     back = R[:, parent[inner]].swapaxes(-1, -2)
     place = t.copy()
@@ -78,25 +93,27 @@ def _refined(motion: Trajectory, keys: Array, nodes: Array, reach: Array) -> Arr
 
 def _off(motion: Trajectory, keys: Array, times: Array, reach: Array) -> Array:
     """(k,) m, how far any body is off at times (k,) when it is interpolated between keys."""
-    character = motion.character
-    assert character is not None
-    turn, place = on_parents(character, configurations(motion, keys))
+    known, wanted = configurations(motion, keys), configurations(motion, times)
+    turn, place = on_parents(motion, known)
     index = np.clip(np.searchsorted(keys, times, side="right") - 1, 0, len(keys) - 2)
     share = ((times - keys[index]) / (keys[index + 1] - keys[index]))[:, None]
     found: list[tuple[Array, Array]] = []
-    for b, body in enumerate(character.bodies):
+    for b, parent in enumerate(parents_of(motion)):
         R = _between(turn[index, b], turn[index + 1, b], share)
         t = (1.0 - share) * place[index, b] + share * place[index + 1, b]
-        if body.parent >= 0:
-            outer, origin = found[body.parent]
+        if parent >= 0:
+            outer, origin = found[parent]
             R, t = outer @ R, origin + (outer @ t[..., None])[..., 0]
         found.append((R, t))
-    R, t = body_poses(character, configurations(motion, times))
+    R, t = poses_of(motion, wanted)
     off = [
         np.linalg.norm(own_t - t[:, b], axis=1)
         + reach[b] * np.linalg.norm(own_R - R[:, b], axis=(1, 2)) / np.sqrt(2.0)
         for b, (own_R, own_t) in enumerate(found)
     ]
+    if motion.soft is not None:  # and the points on it
+        bent = (1.0 - share) * known[index, 6:] + share * known[index + 1, 6:] - wanted[:, 6:]
+        off[0] = off[0] + np.abs(bent) @ np.linalg.norm(motion.soft.body.modes, axis=2).max(axis=0)
     return np.max(off, axis=0, initial=0.0)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from octo.model.figure import Surface, size, tile
+from octo.model.figure import Surface, tile
 from octo.model.quantities import Array
 from octo.model.skins import Skin
 from octo.picture import STONE, TILES, Ground
@@ -18,19 +18,19 @@ MOST_TILES = 10_000  # of a plane; a larger one has larger tiles
 
 def stage(motion: Trajectory) -> list[tuple[str, list[Skin]]]:
     """Names and surfaces, in the world; nothing where a motion has no ground."""
-    ground, robot = motion.ground, motion.character
-    if not ground or robot is None:
+    ground, scale = motion.ground, motion.extent
+    if not ground or scale is None:
         return []
     around = np.array([[ground[axis][end] for axis in "xy"] for end in (0, -1)])
     if motion.world is None:
         found = Ground(ground["x"], ground["y"], ground["z"])
-        chequered = found.flat and _tiled(around, size(robot), found.height)
+        chequered = found.flat and _tiled(around, scale, found.height)
         return [("ground", chequered or [_heights(found)])]
     parts = []
     for k, one in enumerate(drawn(motion.world.shapes, around)):
         skins = [Skin(Surface(one.vertices, one.faces), STONE)]
         if one.plane is not None and one.plane[2] > 0.0:
-            skins = _tiled(around, size(robot), one.height)
+            skins = _tiled(around, scale, one.height)
         parts.append((one.name or f"shape_{k}", skins))
     return parts
 

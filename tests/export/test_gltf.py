@@ -129,6 +129,33 @@ def test_bodies_are_where_the_motion_has_them_at_all_times(name: str, tmp_path: 
     assert set(np.float32(frames)) <= set(moments) and moments[-1] == np.float32(motion.times[-1])
 
 
+def test_a_soft_body_is_a_mesh_with_a_morph_target_a_mode(tmp_path: Path) -> None:
+    body = octo.soft.ball(divisions=2, modes=4)
+    how: dict[str, Any] = {"seconds": 0.5, "device": "cpu", "max_iterations": 30}
+    motion = octo.soft_motion(body, "jump", -0.1, height=0.05, **how)
+    assert motion.soft is not None
+    octo.export(motion, tmp_path / "m.glb")
+    played = Played(tmp_path / "m.glb")
+    number = next(k for k, node in enumerate(played.file.nodes) if node.name == "surface")
+    mesh = played.file.meshes[played.file.nodes[number].mesh]
+    one, other = mesh.primitives
+    points = played.numbers(one.attributes.POSITION)
+    assert one.attributes.POSITION == other.attributes.POSITION
+    targets = np.array([played.numbers(entry["POSITION"]) for entry in one.targets])
+    times, weights = played.tracks[number, "weights"]
+    weights = weights.reshape(len(times), 4)
+    assert weights.min() >= 0.0 and weights.max() <= 1.0
+    faces = [played.numbers(part.indices).reshape(-1, 3) for part in mesh.primitives]
+    assert len(np.concatenate(faces)) == len(body.faces)
+    for time in np.random.default_rng(0).uniform(0.0, 0.5, 20):
+        own = [np.interp(time, times, column) for column in weights.T]
+        bent = points + np.einsum("k,kpi->pi", own, targets)
+        pose = played.world(float(time))["surface"]
+        found = bent @ pose[:3, :3].T + pose[:3, 3]
+        wanted = motion.soft.surface(configurations(motion, np.array([time])))[0] @ Y_UP.T
+        np.testing.assert_allclose(found, wanted, atol=CLOSE)
+
+
 def test_slides_balls_and_a_fixed_base(tmp_path: Path) -> None:
     motion = moving.moving(moving.of_file(moving.SLIDING, tmp_path))
     octo.export(motion, tmp_path / "m.glb", fps=7.0)

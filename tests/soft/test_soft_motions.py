@@ -193,7 +193,7 @@ def test_a_replay_that_is_not_possible_is_one_line(given: dict, said: str) -> No
 
 def test_films_show_it_and_skeletons_do_not(tmp_path: Path) -> None:
     with pytest.raises(errors.ModelError, match="a soft body has no joints"):
-        octo.export(moved("roll"), tmp_path / "a.glb")
+        octo.export(moved("roll"), tmp_path / "a.bvh")
     pytest.importorskip("imageio_ffmpeg")
     body = soft.ball(divisions=2, modes=4)
     motion = octo.soft_motion(body, "crawl", 0.05, seconds=0.5, device="cpu", max_iterations=5)
