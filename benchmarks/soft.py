@@ -31,7 +31,6 @@ RESULTS = Path(__file__).parent / "results" / "soft.json"
 MOMENTS = 8  # of a picture
 SHORTER = 10  # of a replay: steps of the plan over its own
 FINER = 0.0125  # s, of a plan that is replayed too, with the same steps
-Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
 @dataclass(frozen=True)

@@ -242,7 +242,8 @@ def main(words: Sequence[str] | None = None) -> int:
     for name in asked.sections:
         found[name] = {"growth": growth, "drop": drop, "flight": flight}[name]()
         asked.json.write_text(json.dumps(found) + "\n", encoding="utf-8")
-    draw(found, asked.plots)
+    if set(found) == set(SECTIONS):
+        draw(found, asked.plots)
     return 0
 
 

@@ -67,8 +67,13 @@ def _of_solution(solution: Solution) -> tuple[str, list[Row]]:
         travel = ", ".join(f"{metres:.2f}" for metres in solution.com[-1] - solution.com[0])
         rows += [
             ("centre of mass travels", f"({travel}) m"),
-            ("feet", f"sink {1e3 * solution.penetration:.1f} mm, slip {solution.slip:.3f} m/s"),
-            ("largest |u|/limit", f"{solution.torque_excess:.2f}"),
+            (
+                "feet" if solution.soft is None else "surface",
+                f"sinks {1e3 * solution.penetration:.1f} mm, slips {solution.slip:.3f} m/s",
+            ),
+            ("largest |u|/limit", f"{solution.torque_excess:.2f}")
+            if solution.soft is None
+            else ("bends by", f"{solution.bends:.3g} m at most"),
         ]
     if solution.gait is not None:
         rows.append(("gait", str(solution.gait)))
@@ -87,8 +92,7 @@ def _picture(value: Known) -> str:
             still = _still(value)
             figure = None if still is None else filmstrip(still, moments=1)
         else:
-            known = getattr(value, "character", None)
-            nothing = value.count < 2 if isinstance(value, Log) else known is None
+            nothing = value.count < 2 if isinstance(value, Log) else value.extent is None
             figure = None if nothing else filmstrip(value)
     # no matplotlib, or a motion that is not finite: the table says what there is
     except (OctoError, ValueError):

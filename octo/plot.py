@@ -184,7 +184,8 @@ def _torques(solution: Solution, axes: Axes) -> None:
     pairs = zip(solution.actuated_names, limited, strict=True)
     names = tuple(name + ("" if has else " *") for name, has in pairs)
     mixed = limited.any() and not limited.all()
-    title = "torque / limit" + (" (* no limit: / its largest)" if mixed else "")
+    what = "torque" if solution.soft is None else "force"
+    title = f"{what} / limit" + (" (* no limit: / its largest)" if mixed else "")
     if len(names) <= MOST_LINES:
         shown = solution.u / scale if limited.any() else solution.u
         for k, name in enumerate(names if limited.any() else solution.actuated_names):
@@ -194,11 +195,12 @@ def _torques(solution: Solution, axes: Axes) -> None:
             for side in (-1.0, 1.0):
                 axes.axhline(side, color="#b3261e", lw=0.8, ls="--")
         axes.legend(ncols=len(names), loc="best", handlelength=1.2)
-        axes.set(title=title if limited.any() else "torque (N m, N)")
+        units = "N m, N" if solution.soft is None else "N kg^-½"
+        axes.set(title=title if limited.any() else f"{what} ({units})")
         axes.set(xlabel="time (s)", xlim=(0.0, solution.times[-1]))
         return
     solution = even(solution)  # an image has columns of one width
-    title = title if limited.any() else "torque / its largest"
+    title = title if limited.any() else f"{what} / its largest"
     used = np.ones(len(names), dtype=bool)
     share, names, left_out = _chosen_rows(solution.u / scale, names, used)
     reach = float(np.clip(np.quantile(np.abs(share), 0.995), 0.1, 1.0))

@@ -18,11 +18,12 @@ from octo.costs import At, Cost, CustomCost, Effort
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.simulate import Motion, simulate
 from octo.errors import ProblemError, ValueRangeError
-from octo.model.terrain import Ground
+from octo.model.terrain import ADDRESS, Ground
 from octo.problem.asked import Asked
 from octo.problem.limits import TorqueLimits
 from octo.problem.problem import Problem
 from octo.ranking import best_of
+from octo.result.even import even
 from octo.result.solution import Solution
 from octo.soft.body import Body
 from octo.soft.dynamics import SoftDynamics
@@ -34,27 +35,17 @@ AT_REST = 0.075  # of the whole time, at its end: it stays where it came to
 ENDING, STILL, LOW, AHEAD = 5.0, 0.3, 2.5, 0.5  # weights, of what is in parts of the body's size
 RISE = 0.42  # of the body's size, of a jump
 FARTHEST = 100.0  # sizes of the body, that it gets to
-SWING = 0.02  # kg^½ m, of the modes of a first guess but the first
+SWING = 0.02  # size·√m, of the modes of a first guess but the first
+WHOLE = 1e-6  # seconds/dt may be that far from a whole number
 LEAST = 8  # steps
 SPRING, DAMPER = 3000.0, 30.0  # rad²/s² and 1/s, of a replay
 
 
-@dataclass(frozen=True)
-class Task:
-    """What a body does, and how far by default, in parts of its size along x."""
-
-    name: str
-    words: str
-    way: Callable[[Body], float]
-
-
-TASKS = {
-    task.name: task
-    for task in (
-        Task("jump", "to the left by its own length", lambda body: -float(body.size[0])),
-        Task("roll", "by 2.5 of its sizes", lambda body: 2.5 * float(body.size.max())),
-        Task("crawl", "by five sixths of its length", lambda body: 5 / 6 * float(body.size[0])),
-    )
+# how far along x each goes by default, m
+TASKS: dict[str, Callable[[Body], float]] = {
+    "jump": lambda body: -float(body.size[0]),
+    "roll": lambda body: 2.5 * float(body.size.max()),
+    "crawl": lambda body: 5.0 / 6.0 * float(body.size[0]),
 }
 
 
@@ -113,13 +104,15 @@ class Course:
 
     Attributes
     ----------
-    task: its name. way: m along x. rise: m, of a jump; 0 of others.
+    task: its name. way: m along x. rise: m, that a jump is higher half way than at its start; 0 of
+        others. end: m, z of the frame where it ends.
     """
 
     problem: Problem
     task: str
     way: float
     rise: float
+    end: float
 
     def said(self, solution: Solution) -> Solution:
         """The solution with what is asked in place of what its terms ask for."""
@@ -139,8 +132,12 @@ class Course:
         s = np.linspace(0.0, 1.0, steps + 1)
         guess = np.tile(at, (steps + 1, 1))
         guess[:, 0] += self.way * (3.0 * s**2 - 2.0 * s**3)
-        guess[:, 5] += (guess[:, 0] - at[0]) / at[2]
-        swing = SWING * np.random.default_rng(seed).standard_normal(len(at) - 6)
+        guess[:, 2] += (self.end - at[2]) * (guess[:, 0] - at[0]) / (self.way or 1.0)
+        guess[:, 5] += (guess[:, 0] - at[0]) / self.problem.length
+        assert isinstance(self.problem.dynamics, SoftDynamics)
+        body = self.problem.dynamics.body
+        largest = SWING * float(body.size.max()) * np.sqrt(body.mass)
+        swing = largest * np.random.default_rng(seed).standard_normal(len(at) - 6)
         guess[:, 6:] += (seed != 0) * np.outer(np.sin(np.pi * s), swing)
         return guess
 
@@ -166,11 +163,15 @@ def soft_course(
     instance("body", body, Body, "an octo.soft.Body, such as octo.soft.ball()")
     one_of("task", task, TASKS)
     size = float(body.size.max())
-    way = TASKS[task].way(body) if distance is None else number("distance", distance)
+    way = TASKS[task](body) if distance is None else number("distance", distance)
     if not abs(way) <= FARTHEST * size:
         raise ValueRangeError(f"distance is {way:g} m, must be at most {FARTHEST * size:g} in size")
+    if height is not None and task != "jump":
+        raise ProblemError(f"height is {height!r}, must be left out of a {task}: it is of a jump")
     rise = RISE * size if height is None else positive("height", height, "m")
     steps = steps_in(positive("seconds", seconds, "s"), positive("dt", dt, "s"))
+    if abs(seconds / dt - steps) > WHOLE:
+        raise ValueRangeError(f"seconds/dt is {seconds / dt:.9g}, must be whole")
     if steps < LEAST:
         raise ValueRangeError(f"seconds is {seconds:g}, must be at least {LEAST} steps of {dt:g} s")
     # the innermost angle of the chart is the one that it may turn by without end
@@ -180,27 +181,43 @@ def soft_course(
     there = at + np.eye(dynamics.nx)[0] * way
     fall = [dynamics.on_ground(p, one)[2] - one[2] for one in (at, there)]
     end = there[:3] + [0.0, 0.0, fall[1] - fall[0]]  # as deep in the ground as at the start
-    ends = At(np.arange(steps - int(AT_REST * steps), steps + 1) * dt)
+    times = np.asarray(dt * np.arange(1, steps + 1), dtype=float)
+    costs = _costs(task, dynamics, at, end, rise, times)
+    most = LIMIT * dynamics.effort(1.0) if limit is None else positive("limit", limit, "N kg^-½")
+    given: dict[str, Any] = {"costs": costs, "constraints": [TorqueLimits(most)], "x0": at}
+    problem = Problem(dynamics, steps=steps, dt=dt, **given)
+    half = rise + 0.5 * (end[2] - at[2]) if task == "jump" else 0.0
+    return Course(problem, task, way, float(half), float(end[2]))
+
+
+def _costs(
+    task: str, dynamics: SoftDynamics, at: Array, end: Array, rise: float, times: Array
+) -> list[Cost]:
+    """The terms of a motion from rest at ``at`` (n,) to rest at ``end`` (3,) m, at times (N,) s."""
+    size = float(dynamics.body.size.max())
+    ends = At(times[-1 - int(AT_REST * len(times)) :])
     scale = np.array([1.0 / size])
     costs: list[Cost] = [CustomCost(_place, {"target": end, "scale": scale}, name="End", at=ends)]
     if task == "jump":
         top = {"target": 0.5 * (at[:3] + end) + [0.0, 0.0, rise], "scale": scale}
-        costs.append(CustomCost(_place, top, name="Top", at=At(dt * (steps // 2))))
+        costs.append(CustomCost(_place, top, name="Top", at=At(times[len(times) // 2 - 1])))
     else:
+        way = float(end[0] - at[0])
         slope = np.array([(end[2] - at[2]) / way if way else 0.0])
         low = {"start": at[:3], "slope": slope, "scale": scale}
         costs.append(CustomCost(_low, low, name="Low"))
     if task == "roll":
-        costs.append(CustomCost(_rolled, {"radius": at[2:3], "start": at[:1]}, name="Rolled"))
+        rolled = {"radius": np.array([dynamics.length(at)]), "start": at[:1]}
+        costs.append(CustomCost(_rolled, rolled, name="Rolled"))
     if task == "crawl":
         costs.append(CustomCost(_ahead, name="Ahead"))
     rates = np.concatenate([np.full(3, 1 / size), np.ones(3), np.full(dynamics.nx - 6, 1 / size)])
-    rates[6:] /= np.sqrt(body.mass)
-    costs += [CustomCost(_still, {"scale": rates}, name="Still", at="last"), Effort(weight=EFFORT)]
-    most = LIMIT * dynamics.effort(1.0) if limit is None else positive("limit", limit, "N kg^-½")
-    given: dict[str, Any] = {"costs": costs, "constraints": [TorqueLimits(most)], "x0": at}
-    problem = Problem(dynamics, steps=steps, dt=dt, **given)
-    return Course(problem, task, way, rise if task == "jump" else 0.0)
+    rates[6:] /= np.sqrt(dynamics.body.mass)
+    return [
+        *costs,
+        CustomCost(_still, {"scale": rates}, name="Still", at="last"),
+        Effort(weight=EFFORT),
+    ]
 
 
 def solve_soft(
@@ -237,9 +254,11 @@ def soft_replay(
     Parameters
     ----------
     plan: of :func:`soft_motion`.
-    dynamics: what it was planned with; by default the body on level ground, with octo's own law.
+    dynamics: what it was planned with; by default the body on level ground, or the plan's world,
+        with octo's own law.
     times: how many steps a step of the plan becomes.
-    stiffness, damping: rad²/s² and 1/s, of each mode; 0 leaves the motors alone with the plan.
+    stiffness, damping: rad²/s² and 1/s, of each mode that has a motor; 0 leaves the motors alone
+        with the plan.
 
     Returns
     -------
@@ -247,37 +266,64 @@ def soft_replay(
 
     Raises
     ------
-    ProblemError: not the motion of a soft body, or of another one. ValueRangeError: fewer than one
-        step, or negative gains.
+    ProblemError: not the motion of a soft body, or of another one, or on a ground that dynamics
+        must be given for. ValueRangeError: fewer than one step, or negative gains.
     """
     instance("plan", plan, Solution, "a Solution, such as octo.soft_motion gives")
-    if plan.soft is None:
-        raise ProblemError(f"plan is of {plan.name!r}, must be the motion of a soft body")
-    if dynamics is None:
-        soft = plan.soft
-        given: dict[str, Any] = {"actuated": soft.actuated, "chart": soft.chart}
-        dynamics = SoftDynamics(soft.body, **given)
-    instance("dynamics", dynamics, SoftDynamics, "an octo.soft.SoftDynamics")
-    if dynamics.nx != plan.x.shape[1] or dynamics.nu != plan.u.shape[1]:
-        raise ProblemError(
-            f"dynamics have {dynamics.nx} coordinates and {dynamics.nu} motors, the plan has "
-            f"{plan.x.shape[1]} and {plan.u.shape[1]}"
-        )
+    plan = even(plan)
+    dynamics = _planned_with(plan, dynamics)
+    own = {
+        name: value
+        for name, value in plan.parameters.items()
+        if name not in ("dt", ADDRESS) and not name.startswith("terrain.")
+    }
     count, modes = whole("times", times), dynamics.actuated
     gains = number("stiffness", stiffness), number("damping", damping)
     if min(gains) < 0.0:
         raise ValueRangeError(f"stiffness and damping are {gains}, must be at least 0")
 
     def controls(t: float, q: Array, v: Array) -> Array:
-        place = min(t / plan.dt, plan.steps - 1e-9)
-        i = int(place + 1e-6)
+        place = t / plan.dt
+        i = min(int(place + WHOLE), plan.steps - 1)
         at = plan.x[i + 1] + (place - i) * (plan.x[i + 2] - plan.x[i + 1])
         springs = gains[0] * (at - q) + gains[1] * (plan.v[i + 1] - v)
         return np.asarray(plan.u[i] + springs[modes])
 
     return simulate(
-        dynamics, plan.x[1], plan.v[0], controls, steps=count * plan.steps, dt=plan.dt / count
+        dynamics,
+        plan.x[1],
+        plan.v[0],
+        controls,
+        steps=count * plan.steps,
+        dt=plan.dt / count,
+        parameters=own,
     )
+
+
+def _planned_with(plan: Solution, dynamics: SoftDynamics | None) -> SoftDynamics:
+    """The dynamics that a plan is played back with.
+
+    Raises
+    ------
+    ProblemError: not those of the plan.
+    """
+    soft = plan.soft
+    if soft is None:
+        raise ProblemError(f"plan is of {plan.name!r}, must be the motion of a soft body")
+    if dynamics is None:
+        given: dict[str, Any] = {"actuated": soft.actuated, "chart": soft.chart}
+        dynamics = SoftDynamics(soft.body, terrain=plan.world, **given)
+    instance("dynamics", dynamics, SoftDynamics, "an octo.soft.SoftDynamics")
+    if not dynamics.coordinates.same_as(soft):
+        raise ProblemError(
+            "dynamics have another body, chart or other motors than the plan, must have the same"
+        )
+    if set(plan.parameters) != set(dynamics.layout.names):
+        raise ProblemError(
+            "the plan is of another law or ground than dynamics, which must be what it was "
+            "planned with: give dynamics"
+        )
+    return dynamics
 
 
 def _place(step: Any, p: Any) -> ca.SX:

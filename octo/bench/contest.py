@@ -46,6 +46,8 @@ class Entry:
 class Contest:
     """Every solver on every seed and pass, one core each.
 
+    ``guess`` gives x_0 … x_N (N+1, n) of a seed, where a task has a first guess of its own.
+
     The first pass starts where octo's own does with the seed's noise, or from ``start``; each later
     pass, for all solvers, from the same converged solution of the pass before: octo's, or where
     octo did not converge another one's.
@@ -58,6 +60,7 @@ class Contest:
     threads: int = 1
     device: str = "cpu"
     start: Solution | None = None
+    guess: Callable[[int], Array] | None = None
 
     def __post_init__(self) -> None:
         shape = (self.problem.steps + 2, self.problem.dynamics.nx)
@@ -91,7 +94,8 @@ class Contest:
         """Nodes x_{-1} … x_N (N+2, nx)."""
         if before is not None:
             return shifted(before.x, self.problems[number - 2], problem)
-        return first_nodes(problem, seed, self.start)
+        own = None if self.guess is None else self.guess(seed)
+        return first_nodes(problem, seed, own if self.start is None else self.start)
 
     def _entry(
         self, solver: str, number: int, seed: int, start: Array, before: Solution | None

@@ -111,7 +111,10 @@ def add_options(parser: argparse.ArgumentParser, *rows: tuple[Any, ...]) -> None
         parser.add_argument(name, type=read, default=default, metavar=called, help=words)
 
 
-ROBOT = "a name that `octo robots` lists, or a URDF or MJCF file"
+ROBOT = (
+    "a name that `octo robots` lists, or a URDF or MJCF file; for solve, compare and simulate also "
+    "a soft body: ball, beam or a mesh file, sizes behind it as in beam:young=2e4"
+)
 BASE = "auto, floating or fixed (default auto: an MJCF as written, a URDF floating)"
 POSE = (
     "a pose of the robot's file, or nx numbers in .json, .npy or .txt; with --goal up "

@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,6 @@ from octo.cli.soft_solve import check_soft, course_of
 from octo.cli.solve import add_goal_arguments, asked_steps, described, goal_of, report, surroundings
 from octo.cli.written import write_json
 from octo.errors import ProblemError, UnknownNameError, UsageError
-from octo.goals import Goal
 from octo.model.character import Character
 from octo.problem import presets
 from octo.problem.cycle import TIME_STEP, Cycle
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     others = solvers_of(arguments.others, arguments.basis, cycle is not None, soft)
     path = records_of(arguments.json)
     start = None if arguments.start is None else Solution.load(arguments.start)
-    goal, describe = asked_of(arguments, cycle)
+    asked = asked_of(arguments, cycle)
     # after the checks: it takes longer to import than they take
     from octo.bench.contest import Contest, Entry
     from octo.devices import resolve_device
@@ -83,13 +83,13 @@ def run(arguments: argparse.Namespace) -> int:
     whole("seeds", arguments.seeds, most=MOST_STARTS)
     whole("seed", arguments.seed, 0, LARGEST_SEED)
     device = resolve_device(arguments.device)
-    problem = describe()
+    problem = asked.describe()
     options = settings_of(OPTIONS, *(getattr(arguments, name) for name in LIMITS))
-    how = (arguments.passes or 1, arguments.threads, device, start)
+    how = (arguments.passes or 1, arguments.threads, device, start, asked.guess)
     contest = Contest(problem, others, options, *how)
     entries: list[Entry] = []
     interrupted = False
-    kind = "cycle" if cycle is not None else f"goal {arguments.goal}"
+    kind = f"goal {asked.goal}" if asked.goal else "cycle"
     steps_of_dt = f"{problem.steps} steps of {problem.dt:g} s"
     head = f"{HEAD}{'bounds':>10s}" if problem.constraints else HEAD
     name = (problem.character or problem.dynamics).name
@@ -109,26 +109,35 @@ def run(arguments: argparse.Namespace) -> int:
     if path is not None and not finished and (path.exists() or not entries):
         print("octo: interrupted before a solver was done, nothing was written", file=sys.stderr)
     elif path is not None:
-        write(path, entries, [record(entry, goal, options) for entry in entries])
+        write(path, entries, [record(entry, asked, options) for entry in entries])
     return 130 if interrupted else 0
 
 
-def asked_of(
-    arguments: argparse.Namespace, cycle: Cycle | None
-) -> tuple[Goal | None, Callable[[], Problem]]:
-    """The goal of a robot that is asked for, and what describes the problem; what can be refused
-    is."""
+@dataclass(frozen=True)
+class Asked:
+    """A goal in a word, "" of a cycle; what describes the problem; what says of a solution how near
+    it came; and the first guess of a seed, where it has one of its own."""
+
+    goal: str
+    describe: Callable[[], Problem]
+    said: Callable[[Solution], Solution] = lambda solution: solution
+    guess: Callable[[int], Any] | None = None
+
+
+def asked_of(arguments: argparse.Namespace, cycle: Cycle | None) -> Asked:
+    """What is asked for; what can be refused is."""
     if is_soft(arguments.robot):
         check_soft(arguments)
         course = course_of(arguments)
-        return None, lambda: course.problem
+        guess = course.guess if course.task == "roll" else None
+        return Asked(course.task, lambda: course.problem, course.said, guess)
     if cycle is not None:
         robot = robot_of(arguments)
-        return None, lambda: repeated(robot, cycle, arguments)
+        return Asked("", lambda: repeated(robot, cycle, arguments))
     goal = goal_of(arguments)
     steps, robot = asked_steps(goal, arguments), robot_of(arguments)
     goal.check(robot)
-    return goal, lambda: described(robot, goal, steps, arguments)
+    return Asked(goal.kind, lambda: described(robot, goal, steps, arguments), goal.said)
 
 
 def cycle_of(arguments: argparse.Namespace) -> Cycle | None:
@@ -222,20 +231,20 @@ def summary(entries: Sequence[Any], others: Sequence[str], passes: int) -> list[
     return lines
 
 
-def record(entry: Any, goal: Goal | None, options: SqpOptions) -> dict[str, Any]:
+def record(entry: Any, asked: Asked, options: SqpOptions) -> dict[str, Any]:
     """The fields of report.json, those of a goal if any, who made it, and to which
     tolerances."""
     own = ("solver", "said", "compiled", "settings")
-    asked = {"violation": options.tolerance, "dual": options.dual_tolerance}
-    asked |= {"step": options.step_tolerance}
-    asked |= {name: getattr(options, name) for name in ("plateau", "plateau_change")}
+    limits = {"violation": options.tolerance, "dual": options.dual_tolerance}
+    limits |= {"step": options.step_tolerance}
+    limits |= {name: getattr(options, name) for name in ("plateau", "plateau_change")}
     found = entry.solution
     return {
-        **(found.report() if goal is None else report(goal.said(found), goal.kind)),
+        **(report(asked.said(found), asked.goal) if asked.goal else found.report()),
         **{name: getattr(entry, name) for name in own},
         "pass": entry.number,
         "iteration_limit": options.max_iterations,
-        "tolerances": asked,
+        "tolerances": limits,
     }
 
 

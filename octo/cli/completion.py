@@ -27,9 +27,11 @@ WORDS |= {"--world": tuple(WORLDS)}
 OR_FILES = ("--world",)  # options that take a file as well
 OTHERS: dict[str, tuple[str, ...]] = {"mpc --goal": ("walk", "stride", "turn", "stand")}
 OTHERS |= {"learn --goal": ("walk", "stride", "turn", "stand")}
+OTHERS |= {f"{name} --goal": (*get_args(Kind), "roll", "crawl") for name in ("solve", "compare")}
 OTHERS |= {"replay --plant": ("mujoco",), "mpc --basis": ("nodes",)}
 # commands whose first word may be a robot's name
 ROBOTS = ("solve", "cycle", "learn", "mpc", "compare", "simulate", "info")
+SOFT = ("solve", "compare", "simulate", "info")  # and a soft body's
 BASH = """_octo() {
   local current=${COMP_WORDS[COMP_CWORD]} before=${COMP_WORDS[COMP_CWORD-1]} words= files=yes
   [[ $current == '=' ]] && current=
@@ -86,7 +88,7 @@ def _words(command: str, option: str) -> tuple[str, ...]:
 def _first(command: str, commands: Parsers) -> tuple[str, ...]:
     """What a command's first word may be, beside a file."""
     words = {"help": tuple(commands), "completion": SHELLS, "graph": tuple(DOING)}
-    bodies = tuple(SHAPES) if command == "info" else ()
+    bodies = tuple(SHAPES) if command in SOFT else ()
     return words.get(command, (*CHARACTERS, *bodies) if command in ROBOTS else ())
 
 

@@ -33,6 +33,7 @@ REFUSED = 2
 EXAMPLES = """examples:
   octo solve mammal --goal walk --speed 0.5 --seconds 10 --out demo
   octo solve go2.urdf --goal turn --speed 0.5 --costs robot
+  octo solve ball --goal jump --out hop
   octo cycle mammal --speed 0.5 --period auto --out stride
   octo learn biped --seconds 10 --hidden 16,16 --out walk
   octo compare mammal --seconds 10 --seeds 5 --with ipopt,fatrop --json compare.json

@@ -20,7 +20,7 @@ from octo.cli.arguments import (
     steps_of,
 )
 from octo.cli.output import OutputFolder, Writer, folder_of, say_left_out
-from octo.cli.soft import is_soft
+from octo.cli.soft import folder_word, is_soft
 from octo.cli.soft_solve import dropped
 from octo.cli.world import ground_of_words
 from octo.cli.written import write_json, write_page
@@ -54,9 +54,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     steps = steps_of(arguments.seconds, arguments.dt)
-    folder = folder_of(arguments.out, arguments.robot, "simulate", FILES)
+    soft = is_soft(arguments.robot)
+    word = folder_word(arguments.robot) if soft else arguments.robot
+    folder = folder_of(arguments.out, word, "simulate", FILES)
     began = time.perf_counter()
-    if is_soft(arguments.robot):
+    if soft:
         problem = dropped(arguments, steps)
     else:
         robot = robot_of(arguments)

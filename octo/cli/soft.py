@@ -25,6 +25,11 @@ def is_soft(word: str) -> bool:
     return _shape(word) is not None or _file(word)[0].suffix.lower() in ENDINGS
 
 
+def folder_word(word: str) -> str:
+    """A soft body as the name of a folder begins: with all its sizes, though they have dots."""
+    return word.replace(".", "_")
+
+
 def body_of(word: str) -> Body:
     """The soft body of ``ball``, ``beam:young=2e4,modes=6`` or ``FILE.msh:scale=0.001``.
 

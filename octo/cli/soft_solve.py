@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from octo.checks import one_of
-from octo.cli.arguments import law_of, solver_options
+from octo.cli.arguments import law_of, solver_options, steps_of
 from octo.cli.soft import body_of
-from octo.cli.world import ground_of_words
+from octo.cli.world import check_covered, ground_of_words
 from octo.dynamics.laws import ContactLaw, Smooth, Viscous
 from octo.errors import UsageError
 from octo.problem.joint_costs import Effort
@@ -35,14 +35,16 @@ def check_soft(arguments: argparse.Namespace) -> None:
     ------
     OctoError: names it and what is allowed.
     """
-    if str(arguments.goal).split(" ")[0] not in GOALS:
-        one_of("goal of a soft body", arguments.goal, GOALS)
+    one_of("goal of a soft body", arguments.goal, GOALS)
+    steps_of(seconds_of(arguments), arguments.dt)
+    compares = arguments.command == "compare"
     given = {
         "--speed": arguments.speed != USUAL_SPEED,
         "--base": arguments.base != "auto",
         "--contacts": arguments.contacts != "few",
         "--pose": arguments.pose is not None,
-        "--costs": arguments.costs not in (None, USUAL_COSTS),
+        "--costs": arguments.costs != (USUAL_COSTS if compares else None),
+        "--limits": arguments.limits != "soft",
         "--period": arguments.period is not None,
         "--mu": arguments.mu is not None,
         "--object": bool(getattr(arguments, "objects", ())),
@@ -51,24 +53,31 @@ def check_soft(arguments: argparse.Namespace) -> None:
         "--height": arguments.height is not None and arguments.goal != "jump",
     }
     for option, is_given in given.items():
+        if is_given and option == "--height":
+            raise UsageError(f"--height is of a jump, the goal is {arguments.goal}")
         if is_given:
-            whose = "a jump" if option == "--height" else "a robot"
-            raise UsageError(f"{option} is of {whose}, {arguments.robot} is a soft body")
+            raise UsageError(f"{option} is of a robot, {arguments.robot} is a soft body")
+
+
+def seconds_of(arguments: argparse.Namespace) -> float:
+    return SECONDS if arguments.seconds is None else float(arguments.seconds)
 
 
 def course_of(arguments: argparse.Namespace) -> Course:
     """The motion that is asked for, as a problem."""
-    from octo.soft_motions import soft_course
+    from octo.soft_motions import TASKS, soft_course
 
-    body = body_of(arguments.robot)
+    way = arguments.distance
+    body, ground = body_of(arguments.robot), ground_of_words(arguments)
+    check_covered(ground, [TASKS[arguments.goal](body) if way is None else way, 0.0])
     return soft_course(
         body,
         arguments.goal,
         arguments.distance,
         height=arguments.height,
-        seconds=SECONDS if arguments.seconds is None else arguments.seconds,
+        seconds=seconds_of(arguments),
         dt=arguments.dt,
-        terrain=ground_of_words(arguments),
+        terrain=ground,
         law=law_with(arguments.friction, body),
     )
 

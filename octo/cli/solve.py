@@ -28,7 +28,7 @@ from octo.cli.arguments import (
 )
 from octo.cli.output import OutputFolder, folder_of
 from octo.cli.push import add_object_argument, check_push, pushed, target_of
-from octo.cli.soft import is_soft
+from octo.cli.soft import folder_word, is_soft
 from octo.cli.soft_solve import check_soft, soft_solved
 from octo.cli.world import check_covered, ground_of_words
 from octo.cli.written import FILES, say_written, write
@@ -82,7 +82,7 @@ def add_goal_arguments(
         parser,
         ("--goal", None, "walk", GOALS),
         ("--speed", number, 0.5, "m/s; rad/s for turn, its sign the side"),
-        ("--distance", number, None, "m, of a jump (default 0.5; a soft body's follows from it)"),
+        ("--distance", number, None, "m, of a jump (default 0.5; a soft body's from its size)"),
         ("--height", number, None, "m, of the centre of mass gained by a jump (default 0.2)"),
         (
             "--seconds",
@@ -103,7 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
     began = time.perf_counter()
     if is_soft(arguments.robot):
         check_soft(arguments)
-        folder = folder_of(arguments.out, arguments.robot, arguments.goal, FILES)
+        folder = folder_of(arguments.out, folder_word(arguments.robot), arguments.goal, FILES)
         moved = soft_solved(arguments, began)
         return ended(folder, moved, arguments.goal, arguments.accept_missed)
     arguments.costs = costs_of(arguments)

@@ -212,9 +212,9 @@ class Document:
         )
 
     def _bent(self, parts: Sequence[Skin], bend: Bend) -> list[Any]:
-        """Primitives of one set of points."""
+        """Primitives of one set of points, with the normals of the shape at rest."""
         corners = np.concatenate([part.surface.faces for part in parts])
-        whole = self.trimesh.Trimesh(bend.points, corners, process=False)
+        whole = self.trimesh.Trimesh(parts[0].surface.vertices, corners, process=False)
         attributes = self.lib.Attributes(
             POSITION=self.numbers(bend.points, self.lib.ARRAY_BUFFER, bounds=True),
             NORMAL=self.numbers(np.array(whole.vertex_normals), self.lib.ARRAY_BUFFER),

@@ -19,6 +19,8 @@ from octo.library.work import Done, Task
 from octo.model import store
 from octo.problem.problem import Problem
 from octo.result.solution import Solution
+from octo.soft import store as soft_store
+from octo.soft.dynamics import SoftDynamics
 from octo.world.world import World
 
 RECORD = "library.json"
@@ -32,12 +34,14 @@ def record_of(problems: Sequence[Problem], tasks: Sequence[Task], batch: int) ->
     names = dict.fromkeys(name for own in told for name in own)
     how = {name: _plain(value) for name, value in tasks[0].how.items() if name != "threads"}
     robots = {id(p.character): p.character for p in problems if p.character is not None}
+    soft = {id(p.dynamics): p.dynamics for p in problems if isinstance(p.dynamics, SoftDynamics)}
+    bodies = [soft_store.to_plain(own.coordinates) for own in soft.values()]
     terrain = getattr(first.dynamics, "terrain", None)
     return {
         "format": FORMAT,
         "count of problems": len(problems),
-        "robot": "custom" if first.character is None else first.character.name,
-        "robot's numbers": digest([store.to_plain(robot) for robot in robots.values()]),
+        "robot": first.dynamics.name if first.character is None else first.character.name,
+        "robot's numbers": digest([store.to_plain(robot) for robot in robots.values()] or bodies),
         "world": digest(pickle.dumps(terrain)) if isinstance(terrain, World) else None,
         "steps": int(first.steps),
         "basis": repr(first.basis_object),

@@ -93,6 +93,9 @@ def _motions(
         found = saved.fields_of(Archive(own, {**alike, **record}))
         if made and "character" in alike:
             found["character"] = made[0].character
+        body = found["soft"]
+        if made and body is not None and made[0].soft is not None and body.same_as(made[0].soft):
+            found["soft"] = made[0].soft
         made.append(Solution(**found))
     return tuple(made)
 

@@ -79,7 +79,8 @@ class Phases:
 
     def __repr__(self) -> str:
         who = self.problems[0].character
-        name = "the user's dynamics" if who is None else who.name
+        name = self.problems[0].dynamics.name if who is None else who.name
+        name = "the user's dynamics" if name == Dynamics.name else name
         title = (
             f"{len(self.problems)} phases of {name}: {self.steps} steps in {self.times[-1]:.6g} s"
         )
@@ -245,7 +246,7 @@ def _coordinates(dynamics: Dynamics, robot: Character | None) -> tuple[Any, ...]
     """What must be alike of two phases."""
     motors = tuple(int(j) for j in dynamics.actuated)
     if robot is None:
-        return dynamics.nx, motors
+        return dynamics.nx, motors, dynamics.name, dynamics.weight
     joints = tuple((joint.name, joint.kind) for joint in robot.joints)
     return dynamics.nx, motors, joints, robot.mass, robot.terrain_contacts
 

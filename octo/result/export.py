@@ -74,17 +74,12 @@ def to_csv(motion: Trajectory, path: str | os.PathLike[str]) -> None:
     forces in world axes (none at x_0). What does not exist is nan.
     """
     target = ending("path", path, (".csv",))
-    robot = motion.character
-    places, efforts = [""] * motion.x.shape[1], [""] * motion.u.shape[1]
-    if robot is not None:
-        turns = [joint.kind == "hinge" for joint in robot.joints]
-        places = ["rad" if turn else "m" for turn in turns]
-        efforts = ["N m" if turns[j] else "N" for j in robot.actuated]
     forces = [f"force {name} {axis}" for name in motion.contact_names for axis in "xyz"]
+    what = "torque" if motion.soft is None else "force"
     names = [
         "time (s)",
-        *_headed(motion.joint_names, places),
-        *_headed([f"torque {name}" for name in motion.actuated_names], efforts),
+        *_headed(motion.joint_names, motion.units),
+        *_headed([f"{what} {name}" for name in motion.actuated_names], motion.effort_units),
         *_headed(forces, ["N"] * len(forces)),
     ]
     force = motion.contact_force.reshape(len(motion.contact_force), -1)

@@ -17,7 +17,7 @@ from octo.problem.phased import Compiled, PhasedProblem
 from octo.result.bounds import Bound, bounds_kept
 from octo.result.measure import ground, measured
 from octo.result.residuals import Residual
-from octo.result.trajectory import ROWS, Trajectory
+from octo.result.trajectory import ROWS, VECTORS, Trajectory
 
 
 def motion_of(problem: Compiled, at: Evaluation, member: int) -> dict[str, Any]:
@@ -40,7 +40,9 @@ def _whole(
     for phase in phases:
         for name, value in phase.terms.items():
             terms[name] = terms.get(name, 0.0) + value
-    made = {name: getattr(first, name) for name in ("name", "character", "basis", "weight")}
+    phases = _of_all_vertices(phases)
+    first = phases[0]
+    made = {name: getattr(first, name) for name in ("name", "character", "soft", "basis", "weight")}
     made |= {name: getattr(first, name) for name in ("length", "torque_limit", "contact_names")}
     made |= {name: np.concatenate([getattr(one, name) for one in phases]) for name in ROWS}
     made |= {
@@ -69,6 +71,26 @@ def _whole(
         ),
         "phases": tuple(phases),
     }
+
+
+def _of_all_vertices(phases: Sequence[Trajectory]) -> list[Trajectory]:
+    """Those of a soft body with the contacts of all phases, for each knows those that come near the
+    ground in it; of what another phase knows it is not known where it is, and it carries nothing.
+    """
+    names = sorted({name for one in phases for name in one.contact_names})
+    if phases[0].soft is None or not names:
+        return list(phases)
+    made = []
+    for one in phases:
+        columns = [names.index(name) for name in one.contact_names]
+        own: dict[str, Any] = {"contact_names": tuple(names)}
+        for field in ("contact_depth", *VECTORS):
+            known = getattr(one, field)
+            whole = np.zeros((known.shape[0], len(names), *known.shape[2:]))
+            whole[:, columns] = known
+            own[field] = whole
+        made.append(replace(one, **own))
+    return made
 
 
 def all_bounds_kept(problem: Compiled, at: Evaluation, member: int) -> tuple[Bound, ...]:

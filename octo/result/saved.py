@@ -145,6 +145,7 @@ def _soft(file: Archive) -> Coordinates | None:
     found = soft_store.of_file(file.plain.get("soft"), file.arrays, SOFT)
     if found is not None:
         file.array("x", (None, found.count))
+        file.array("u", (None, len(found.driven)), finite=False)
     return found
 
 

@@ -95,3 +95,18 @@ class Stride:
 
 
 ARRAYS = ("matrix", "constant", "torque", "rotation", "shift", "contacts")  # of a Stride
+
+
+def plane_around(ground: dict[str, Array], points: Array) -> dict[str, Array]:
+    """The sampled plane of a cycle under all of ``points`` (N, c, 3) m."""
+    if not ground:
+        return ground
+    (x, y, z), margin = (ground[name] for name in "xyz"), 1.0
+    slope_x, slope_y = (z[-1, 0] - z[0, 0]) / (x[-1] - x[0]), (z[0, -1] - z[0, 0]) / (y[-1] - y[0])
+    (low, high) = (extreme(points.reshape(-1, 3), axis=0)[:2] for extreme in (np.min, np.max))
+    wide = [
+        np.linspace(min(a[0], lo - margin), max(a[-1], hi + margin), 2)
+        for a, lo, hi in zip((x, y), low, high, strict=True)
+    ]
+    height = z[0, 0] + slope_x * (wide[0] - x[0])[:, None] + slope_y * (wide[1] - y[0])[None]
+    return {"x": wide[0], "y": wide[1], "z": height}

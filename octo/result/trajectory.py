@@ -20,7 +20,7 @@ from octo.problem.asked import Asked
 from octo.problem.bounds import SAME
 from octo.result.bounds import Bound
 from octo.result.residuals import Residual
-from octo.result.stride import Stride
+from octo.result.stride import Stride, plane_around
 from octo.soft.coordinates import Coordinates
 from octo.world.world import World
 
@@ -138,6 +138,25 @@ class Trajectory:
         return tuple(self.character.joints[j].name for j in self.character.actuated)
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """(nx,) of the coordinates; "" of user-written dynamics."""
+        if self.soft is not None:
+            return ("m",) * 3 + ("rad",) * 3 + ("kg^½ m",) * (self.soft.count - 6)
+        if self.character is None:
+            return ("",) * self.x.shape[1]
+        return tuple("rad" if joint.kind == "hinge" else "m" for joint in self.character.joints)
+
+    @property
+    def effort_units(self) -> tuple[str, ...]:
+        """(nu,) of what drives the actuated ones; "" of user-written dynamics."""
+        if self.soft is not None:
+            return ("N kg^-½",) * self.u.shape[1]
+        if self.character is None:
+            return ("",) * self.u.shape[1]
+        turning = [self.units[j] == "rad" for j in self.character.actuated]
+        return tuple("N m" if turns else "N" for turns in turning)
+
+    @property
     def com(self) -> Array:
         """(N+1, 3) m, centre of mass at x_0 … x_N; zeros for user-written dynamics."""
         if self.soft is not None:
@@ -150,11 +169,10 @@ class Trajectory:
     def yaw(self) -> Array:
         """(N+1,) rad, unwrapped heading of the base at x_0 … x_N."""
         if self.soft is not None:
-            rotation = self.soft.rotation(self.x[1:])
-        elif self.character is None:
+            return np.array(self.x[1:, 3])  # the outermost angle: a ball that rolls does not turn
+        if self.character is None:
             return np.zeros(self.steps + 1)
-        else:
-            rotation = body_poses(self.character, self.x[1:])[0][:, self.character.base_body]
+        rotation = body_poses(self.character, self.x[1:])[0][:, self.character.base_body]
         return np.unwrap(np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0]))
 
     @property
@@ -205,8 +223,8 @@ class Trajectory:
 
     @property
     def loaded(self) -> NDArray[np.bool_]:
-        """(N, c) the robot's contacts that carry at least 1 % of the weight; of the many of a body
-        that carry as much together, those that carry anything."""
+        """(N, c) the contacts of the robot, or of a soft body's surface, that carry at least 1 % of
+        the weight; of the many of a body that carry as much together, those that carry anything."""
         crowds = [list(range(self.contact_force.shape[1]))]
         if self.soft is None:
             crowds = crowd_columns(self.character)
@@ -307,7 +325,7 @@ class Trajectory:
         return replace(
             self,
             **joined,
-            ground=_plane_around(self.ground, joined["contact_point"]),
+            ground=plane_around(self.ground, joined["contact_point"]),
             cycle=stride.times(pieces),
             unknowns=self.unknowns[:0],
         )
@@ -324,9 +342,7 @@ class Trajectory:
         if not change.size or not np.isfinite(change).all():
             return None
         step, coordinate = np.unravel_index(int(np.argmax(change)), change.shape)
-        robot, unit = self.character, "rad or m"
-        if robot is not None:
-            unit = "rad" if robot.joints[int(coordinate)].kind == "hinge" else "m"
+        unit = self.units[int(coordinate)] or "rad or m"
         leaps = int((change > LEAP * (1.0 + SAME)).any(axis=1).sum())
         return {
             "change": float(change[step, coordinate]),
@@ -382,18 +398,3 @@ def carrying(
         carries = normal_force[:, columns].sum(axis=1) >= LOADED * weight
         found[:, columns] = (normal_force[:, columns] > 0.0) & carries[:, None]
     return found
-
-
-def _plane_around(ground: dict[str, Array], points: Array) -> dict[str, Array]:
-    """The sampled plane of a cycle under all of ``points`` (N, c, 3) m."""
-    if not ground:
-        return ground
-    (x, y, z), margin = (ground[name] for name in "xyz"), 1.0
-    slope_x, slope_y = (z[-1, 0] - z[0, 0]) / (x[-1] - x[0]), (z[0, -1] - z[0, 0]) / (y[-1] - y[0])
-    (low, high) = (extreme(points.reshape(-1, 3), axis=0)[:2] for extreme in (np.min, np.max))
-    wide = [
-        np.linspace(min(a[0], lo - margin), max(a[-1], hi + margin), 2)
-        for a, lo, hi in zip((x, y), low, high, strict=True)
-    ]
-    height = z[0, 0] + slope_x * (wide[0] - x[0])[:, None] + slope_y * (wide[1] - y[0])[None]
-    return {"x": wide[0], "y": wide[1], "z": height}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from octo.checks import Array
 from octo.dynamics import stages
-from octo.dynamics.contact_numbers import NAMES, one_contact
+from octo.dynamics.contact_numbers import AT_ONCE, NAMES, one_contact
 from octo.dynamics.laws import ContactLaw
 from octo.dynamics.parameters import Layout
 from octo.model.terrain import ADDRESS, Ground, World, world_at
@@ -19,6 +19,8 @@ from octo.soft.body import Body
 from octo.soft.inertia import Forces
 from octo.soft.nodes import Nodes, Turns
 from octo.world.jet import SIZES
+
+VERTEX = "vertex_"  # how the names of contacts begin, behind which the vertex's number is
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +81,19 @@ class Surface:
         chosen = np.unique(self.touching(at, own)[1])
         places = self.places(at)[:, chosen]
         flat, before = places.reshape(-1, 3), self.places(now)[:, chosen].reshape(-1, 3)
-        still = np.tile(np.eye(3).reshape(9, 1), len(flat))
-        poses = [np.concatenate([still, points.T]) for points in (flat, before)]
-        world = self.world(own)
-        look = [] if world is None else [flat.T, world.jets(flat, len(SIZES) - 1).T]
-        given = (*poses, np.zeros((4, len(flat))), np.repeat(p[:, None], len(flat), axis=1), *look)
-        found = np.asarray(one_contact(layout, law, self.terrain)(*given))
-        state = found.T.reshape(*places.shape[:2], -1)
-        names = tuple(f"vertex_{k}" for k in chosen)
+        one, world = one_contact(layout, law, self.terrain), self.world(own)
+        found = np.empty((len(flat), 3 * len(NAMES) + 1))
+        for first in range(0, len(flat), AT_ONCE):
+            part = slice(first, first + AT_ONCE)
+            count = len(flat[part])
+            still = np.tile(np.eye(3).reshape(9, 1), count)
+            poses = [np.concatenate([still, points[part].T]) for points in (flat, before)]
+            look = [] if world is None else [world.jets(flat[part], len(SIZES) - 1).T]
+            look = [flat[part].T, *look] if look else []
+            given = (*poses, np.zeros((4, count)), np.repeat(p[:, None], count, axis=1), *look)
+            found[part] = np.asarray(one(*given)).T
+        state = found.reshape(*places.shape[:2], found.shape[1])
+        names = tuple(f"{VERTEX}{k}" for k in chosen)
         return names, [state[..., 3 * k : 3 * k + 3] for k in range(len(NAMES))], state[..., -1]
 
 

@@ -50,6 +50,20 @@ class Coordinates:
             raise ProblemError(f"actuated is {list(driven)}, must be {allowed}")
         object.__setattr__(self, "actuated", driven)
 
+    def same_as(self, other: Coordinates) -> bool:
+        """Whether both say the same of x and u."""
+        own, its = self.body, other.body
+        if own is not its and (own.points.shape, own.modes.shape) != (
+            its.points.shape,
+            its.modes.shape,
+        ):
+            return False
+        return (
+            (self.chart, self.actuated) == (other.chart, other.actuated)
+            and np.array_equal(own.points, its.points)
+            and np.array_equal(own.modes, its.modes)
+        )
+
     @property
     def count(self) -> int:
         """6 + r."""

@@ -14,7 +14,7 @@ from octo.checks import Array
 from octo.dynamics.evaluate import Dynamics, check_surroundings
 from octo.dynamics.laws import ContactLaw, Smooth, Viscous
 from octo.dynamics.parameters import Layout, bound, section, unbound
-from octo.errors import ModelError
+from octo.errors import ModelError, StaticPoseError
 from octo.model.chart import Chart
 from octo.model.quantities import GRAVITY
 from octo.model.terrain import Ground, Plane, World, own_parameters, signed_distance
@@ -28,7 +28,7 @@ from octo.soft.nodes import Nodes, Turns
 from octo.soft.rest import at_rest
 from octo.soft.symbolic import forward_dynamics
 
-MOST_LOWERED = 60  # times
+MOST_LOWERED, NEAR = 60, 1e-9  # times; of its size, off the ground
 MOST_WRITTEN = 40  # vertices in one expression
 
 
@@ -137,15 +137,24 @@ class SoftDynamics(Dynamics):
         Parameters
         ----------
         p: (NP,). x: (n,).
+
+        Raises
+        ------
+        StaticPoseError: no ground is found there, as beside a map.
         """
         made, values = np.array(x), section(self.layout.named(p), "terrain.")
+        size, last = float(self.body.size.max()), np.inf
         for _ in range(MOST_LOWERED):  # once on level ground, where a distance is a height
             points = self.coordinates.surface(made[None])[0]
             gap = float(signed_distance(self.terrain, points, values).min())
             made[2] -= gap
-            if abs(gap) < 1e-9:
+            if abs(gap) < NEAR * size:
+                return made
+            if not abs(gap) < last:
                 break
-        return made
+            last = abs(gap)
+        where = f"x = {made[0]:.3g} m, y = {made[1]:.3g} m"
+        raise StaticPoseError(f"{self.body.name}: there is no ground to lie on at {where}")
 
     def contact_numbers(self, p: Array, x: Array) -> tuple[tuple[str, ...], list[Array], Array]:
         """Names of the vertices that come near the ground, and of each and every step what a

@@ -138,7 +138,7 @@ def _character(actor: Actor, names: Nodes, label: str, k: int, numbers: Numbers)
         "contacts": strips,
         "contactLoaded": numbers.add(_largest(loaded.astype(float), count)),
         "joints": list(solution.actuated_names) if torque.size else [],
-        "units": _units(solution),
+        "units": list(solution.effort_units),
         "limits": [_limit(value) for value in solution.torque_limit],
         "torque": numbers.add(_largest(torque, count), 1e-4),
     }
@@ -153,15 +153,6 @@ def _strips(solution: Solution) -> tuple[list[str], NDArray[np.bool_]]:
     return [solution.contact_names[c] for c in shown], solution.loaded[:, shown]
 
 
-def _units(solution: Solution) -> list[str]:
-    """Of what drives each actuated coordinate."""
-    robot = solution.character
-    if robot is None:
-        return ["N kg^-½"] * solution.u.shape[1]
-    joints = (robot.joints[j] for j in robot.actuated)
-    return ["N m" if joint.kind == "hinge" else "N" for joint in joints]
-
-
 def _bent(actor: Actor, names: Nodes, numbers: Numbers) -> dict[str, Any] | None:
     """How the surface of a soft body follows from its modes."""
     soft = actor.solution.soft
@@ -171,7 +162,7 @@ def _bent(actor: Actor, names: Nodes, numbers: Numbers) -> dict[str, Any] | None
         "names": names.bent,
         "points": numbers.add(soft.body.points, GRAIN**2),
         "modes": numbers.add(soft.body.modes.swapaxes(0, 1), GRAIN**2),
-        "z": numbers.add(actor.bend, GRAIN),
+        "z": numbers.add(actor.bend, GRAIN * float(np.sqrt(soft.body.mass))),
     }
 
 

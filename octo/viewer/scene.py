@@ -235,7 +235,7 @@ def _add_character(
     character, ever = actor.solution.character, np.asarray(actor.solution.loaded.any(axis=0))
     bodies = add_bodies(server, name, actor.bodies, actor.skins, color)
     feet = {} if character is None else add_feet(server, bodies, character, ever)
-    bent = [] if actor.bend is None else parts_of(bodies[0], len(actor.skins[0]))
+    bent = [] if actor.bend is None or 0 not in bodies else parts_of(bodies[0], len(actor.skins[0]))
     if not forces or not (ever.any() or actor.touch[0].any()):
         return Nodes(bodies, feet, None, bent)
     add_arrows(server, f"{name}/forces", arrows_of(actor)[0], actor.scale)

@@ -57,6 +57,23 @@ def test_another_solver_solves_the_same(tmp_path: Path) -> None:
     assert 0.0 < own["energy"] < 3.0 * other["energy"] < 30.0 * own["energy"]  # two local minima
 
 
+def test_a_body_that_touches_nothing_is_written_too(tmp_path: Path) -> None:
+    words = ["--height", "5", "--seconds", "0.2", "--dt", "0.005", "--out", str(tmp_path / "a")]
+    assert main(["simulate", BALL, *words]) == 0
+    motion = Solution.load(tmp_path / "a")
+    assert motion.contact_force.shape == (40, 0, 3) and motion.contact_names == ()
+
+
+def test_sizes_with_dots_have_folders_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for radius in ("0.15", "0.25"):
+        words = [f"{BALL},radius={radius}", "--seconds", "0.1"]
+        assert main(["simulate", *words]) == 0
+    assert len(list(tmp_path.iterdir())) == 2
+
+
 def test_a_body_falls(tmp_path: Path) -> None:
     folder = tmp_path / "fall"
     words = ["--height", "0.1", "--seconds", "0.5", "--dt", "0.005", "--out", str(folder)]
@@ -71,7 +88,14 @@ def test_a_body_falls(tmp_path: Path) -> None:
     [
         (["solve", BALL], "goal of a soft body 'walk' is not known"),
         (["solve", BALL, "--goal", "jump", "--pose", "x"], "--pose is of a robot"),
-        (["solve", BALL, "--goal", "roll", "--height", "1"], "--height is of a jump"),
+        (
+            ["solve", BALL, "--goal", "roll", "--height", "1"],
+            "--height is of a jump, the goal is roll",
+        ),
+        (["solve", BALL, "--goal", "jump", "--limits", "hard"], "--limits is of a robot"),
+        (["solve", BALL, "--goal", "jump", "--costs", "paper"], "--costs is of a robot"),
+        (["solve", BALL, "--goal", "jump 3"], "goal of a soft body 'jump 3' is not known"),
+        (["solve", BALL, "--goal", "jump", "--seconds", "1.51"], "must be whole"),
         (["solve", BALL, "--goal", "jump", "--basis", "hermite"], "--basis is of a robot"),
         (["solve", "ball:size=2", "--goal", "jump"], "size of soft body 'ball'"),
         (["solve", "none.msh", "--goal", "jump"], "mesh file none.msh does not exist"),

@@ -154,6 +154,8 @@ def test_where_it_ends_is_as_deep_in_the_ground_as_where_it_began() -> None:
         ({"distance": 1e4}, errors.ValueRangeError, "distance is 10000 m, must be at most"),
         ({"distance": np.nan}, errors.OctoError, "distance"),
         ({"height": -1.0}, errors.ValueRangeError, "height"),
+        ({"height": 0.1, "task": "roll"}, errors.ProblemError, "height is 0.1, must be left out"),
+        ({"seconds": 1.51}, errors.ValueRangeError, "must be whole"),
         ({"seconds": 0.1}, errors.ValueRangeError, "must be at least 8 steps"),
         ({"limit": 0.0}, errors.ValueRangeError, "limit"),
         ({"body": "ball"}, errors.ProblemError, "octo.soft.Body"),
@@ -166,13 +168,14 @@ def test_what_is_not_possible_is_one_line(given: dict, kind: type, said: str) ->
 
 
 def test_a_replay_in_shorter_steps_follows_the_plan_and_better_with_springs() -> None:
-    plan = moved("roll")
+    body = soft.ball(divisions=2, modes=4)
+    plan = octo.soft_motion(body, "roll", 0.5, seconds=1.5, dt=0.0125, device="cpu")
     off = {}
     for stiffness in (0.0, 3000.0):
         played = octo.soft_replay(plan, times=5, stiffness=stiffness, damping=0.01 * stiffness)
         assert played.converged.all() and played.dt == pytest.approx(plan.dt / 5)
         off[stiffness] = np.linalg.norm(played.x[1::5, :3] - plan.x[1:, :3], axis=1).max()
-    assert off[3000.0] < 0.7 * off[0.0] and off[3000.0] < 0.2
+    assert off[3000.0] < 0.6 * off[0.0]
     same = octo.soft_replay(plan, times=1, stiffness=0.0, damping=0.0)  # to the plan's tolerance
     np.testing.assert_allclose(same.x[:5], plan.x[:5], atol=1e-3)
 
@@ -189,6 +192,56 @@ def test_a_replay_in_shorter_steps_follows_the_plan_and_better_with_springs() ->
 def test_a_replay_that_is_not_possible_is_one_line(given: dict, said: str) -> None:
     with pytest.raises(errors.OctoError, match=said):
         octo.soft_replay(**{"plan": moved("roll"), **given})
+
+
+def test_a_replay_is_of_the_same_body_and_ground() -> None:
+    plan = moved("roll")
+    body = plan.soft.body if plan.soft is not None else cloud(4, 60)
+    with pytest.raises(errors.ProblemError, match="another body, chart or other motors"):
+        octo.soft_replay(plan, soft.SoftDynamics(body))  # its chart is zyx
+    terrain = octo.Terrain(lambda point, p: point[2] - p["h"], {"h": 0.0})
+    with pytest.raises(errors.ProblemError, match="another law or ground"):
+        octo.soft_replay(plan, soft.SoftDynamics(body, terrain=terrain, chart="zxy"))
+
+
+def test_a_ball_that_rolls_heads_on() -> None:
+    motion = moved("roll")
+    assert np.abs(motion.yaw).max() < 0.5 and np.abs(motion.x[1:, 5]).max() > 1.0
+
+
+def test_the_radius_of_a_roll_is_over_the_ground() -> None:
+    high = octo.Terrain(lambda point, p: point[2] - 1.0)
+    low, up = (soft_course(cloud(4, 60), "roll", 0.3, terrain=own) for own in (None, high))
+    guesses = [course.guess(0) for course in (low, up)]
+    lifted = np.broadcast_to(np.eye(10)[2], guesses[0].shape)
+    np.testing.assert_allclose(guesses[1] - guesses[0], lifted, atol=1e-6)
+    assert np.ptp(guesses[0][:, 5]) == pytest.approx(0.3 / 0.148, rel=0.1)
+
+
+def test_where_there_is_no_ground_is_refused() -> None:
+    table = octo.World([octo.shapes.Box((1.0, 1.0, 0.2), position=(0.0, 0.0, -0.1))])
+    with pytest.raises(errors.StaticPoseError, match="there is no ground to lie on at x = 5"):
+        soft_course(cloud(4, 60), "crawl", 5.0, terrain=table)
+
+
+def test_phases_of_one_body_are_joined() -> None:
+    """Each knows other vertices; the whole has all of them."""
+    body = cloud(4, 60)
+    first = soft_course(body, "jump", -0.1, seconds=0.5).problem
+    low = first.replace(costs=[octo.Effort()], constraints=[])
+    both = octo.solve(octo.phases([low, low.replace(x0=None)]), max_iterations=2, device="cpu")
+    assert both.soft is not None and both.name == "cloud"
+    assert both.contact_force.shape == (40, len(both.contact_names), 3)
+    one, other = both.phases
+    for k, name in enumerate(both.contact_names):
+        for phase, part in ((one, slice(0, 20)), (other, slice(20, 40))):
+            own = np.zeros((20, 3))
+            if name in phase.contact_names:
+                own = phase.contact_force[:, phase.contact_names.index(name)]
+            np.testing.assert_array_equal(both.contact_force[part, k], own)
+    with pytest.raises(errors.ProblemError, match="phase 1 is of"):
+        other = soft_course(cloud(5, 60, size=0.2), "jump", -0.1).problem
+        octo.phases([low, other.replace(x0=None, constraints=[])])
 
 
 def test_films_show_it_and_skeletons_do_not(tmp_path: Path) -> None:
