@@ -92,7 +92,8 @@ def _picture(value: Known) -> str:
             still = _still(value)
             figure = None if still is None else filmstrip(still, moments=1)
         else:
-            nothing = value.count < 2 if isinstance(value, Log) else value.extent is None
+            known = getattr(value, "extent", None)
+            nothing = value.count < 2 if isinstance(value, Log) else known is None
             figure = None if nothing else filmstrip(value)
     # no matplotlib, or a motion that is not finite: the table says what there is
     except (OctoError, ValueError):

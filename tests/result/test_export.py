@@ -37,6 +37,11 @@ def moving(robot: Character) -> Solution:
     actuated = tuple(robot.joints[j].name for j in robot.actuated)
     return types.SimpleNamespace(  # type: ignore[return-value]
         character=robot,
+        soft=None,
+        units=tuple("rad" if joint.kind == "hinge" else "m" for joint in robot.joints),
+        effort_units=tuple(
+            "N m" if robot.joints[j].kind == "hinge" else "N" for j in robot.actuated
+        ),
         x=x,
         u=np.zeros((STEPS, robot.nu)),
         dt=DT,
