@@ -91,10 +91,10 @@ class _Symmetric(Constraint):
         own, robot = self._coordinates(setting), setting.character
         chosen, _, size = self._limited(robot, len(own))
         words = [in_words(robot, int(own[k]), self.units) for k in chosen]
-        if robot is None and self.units == TORQUE:
-            names = setting.names
-            called = [f"u{k}" if names is None else names[own[k]] for k in chosen]
-            words = [(name, "") for name in called]
+        if setting.names is not None:
+            words = [(setting.names[own[k]], "") for k in chosen]
+        elif robot is None and self.units == TORQUE:
+            words = [(f"u{k}", "") for k in chosen]
         return [Row(*each, float(one)) for each, one in zip(words, size, strict=True)]
 
 

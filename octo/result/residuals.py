@@ -62,6 +62,8 @@ def residuals_of(problem: CompiledProblem, at: Evaluation, member: int) -> tuple
         share = np.nan_to_num(np.abs(plan.test_matrix[place] * rows[:, k]), nan=np.inf)
         step, part = int(np.argmax(share)), float(abs(C[place, k]))
         words = in_words(described.character, int(coordinate), units)
+        if problem.dynamics.names is not None:
+            words = problem.dynamics.names[coordinate], ""
         value = float(C[place, k] / problem.row_scale[member, k])
         time = float(described.dt * (step + 1))
         made.append(Residual(*words, step, time, value, part))
