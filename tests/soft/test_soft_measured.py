@@ -51,7 +51,7 @@ def test_growth(along: str) -> None:
     for own in CHECKS["growth"][along]:
         row = f"| {own['modes']} | {own['points']:,} | {own['contacts']:.0f} | "
         assert f"{row}{1e3 * own['iteration']:.1f} ms | {own['compile']:.1f} s |" in PAGE
-        assert own["compile"] < 10.0
+        assert own["compile"] < 12.0
 
 
 def test_the_drop_comes_near_the_other_simulator_as_steps_shrink() -> None:
