@@ -210,9 +210,11 @@ def draw(found: dict[str, Any], folder: Path) -> None:
         axes.plot(at, [1e3 * row["iteration"] for row in rows], "o-", label="an iteration (ms)")
         axes.plot(at, [row["compile"] for row in rows], "s--", label="to make and compile (s)")
         axes.plot(at, [row["contacts"] for row in rows], "^:", label="contacts that carry, a step")
-        axes.set(xlabel=along, xscale="log", yscale="log")
+        axes.set(xlabel=along, xscale="log", yscale="log", ylim=(5.0, 3000.0))
+        axes.set_xticks(at, [f"{value:,}" for value in at])
+        axes.minorticks_off()
         axes.grid(True, color="#e6e8eb")
-        axes.legend(frameon=False, fontsize=8)
+        axes.legend(frameon=False, fontsize=8, loc="upper left")
     figure.savefig(folder / "soft_growth.png", dpi=90)
 
     figure = Figure(figsize=(9.0, 3.2), layout="constrained")
@@ -222,9 +224,13 @@ def draw(found: dict[str, Any], folder: Path) -> None:
         look = {"color": "black", "lw": 1.5, "ls": "--"} if name == "MuJoCo" else {"lw": 1.2}
         left.plot(at, own["height"], label=name, **look)
     left.set(xlabel="time (s)", ylabel="centre of mass (m)", title="a ball of rubber bounces")
+    left.set_ylim(0.1, 0.31)
     steps, drift = np.array(found["flight"]["drift"]).T
-    right.loglog(steps, drift, "o-", label=f"slope {found['flight']['order']:.2f}")
-    right.set(xlabel="dt (s)", title="angular momentum lost in 0.1 s of flight (parts)")
+    right.loglog(1e3 * steps, 1e2 * drift, "o-", label=f"slope {found['flight']['order']:.2f}")
+    right.set(xlabel="dt (ms)", title="angular momentum lost in 0.1 s of flight (%)")
+    right.set_xticks(1e3 * steps, [f"{1e3 * step:g}" for step in steps])
+    right.set_yticks([0.2, 0.5, 1.0, 2.0], ["0.2", "0.5", "1", "2"])
+    right.minorticks_off()
     for axes in (left, right):
         axes.grid(True, color="#e6e8eb")
         axes.legend(frameon=False, fontsize=8)
