@@ -12,6 +12,7 @@ import pytest
 import octo
 from octo.cli import solve as command
 from octo.cli.main import main
+from octo.cli.written import write_json
 from octo.goals import Goal
 from octo.model.gallery import mammal
 from octo.problem.asked import Asked
@@ -161,7 +162,7 @@ def test_a_slope_may_be_climbed_by_a_walk_on_the_level():
 
 def written(folder, solution, report):
     """The report without the pictures."""
-    folder.write({"report.json": lambda path: command.write_json(path, report())})
+    folder.write({"report.json": lambda path: write_json(path, report())})
 
 
 @pytest.mark.parametrize("kind", ["walk", "stride", "turn", "jump", "stand"])
