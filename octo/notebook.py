@@ -65,16 +65,15 @@ def _of_solution(solution: Solution) -> tuple[str, list[Row]]:
     ]
     if solution.extent is not None:
         travel = ", ".join(f"{metres:.2f}" for metres in solution.com[-1] - solution.com[0])
-        rows += [
-            ("centre of mass travels", f"({travel}) m"),
-            (
-                "feet" if solution.soft is None else "surface",
-                f"sinks {1e3 * solution.penetration:.1f} mm, slips {solution.slip:.3f} m/s",
-            ),
-            ("largest |u|/limit", f"{solution.torque_excess:.2f}")
-            if solution.soft is None
-            else ("bends by", f"{solution.bends:.3g} m at most"),
-        ]
+        how = f"{1e3 * solution.penetration:.1f} mm, slip {solution.slip:.3f} m/s"
+        rows.append(("centre of mass travels", f"({travel}) m"))
+        if solution.soft is None:
+            rows += [
+                ("feet", f"sink {how}"),
+                ("largest |u|/limit", f"{solution.torque_excess:.2f}"),
+            ]
+        else:
+            rows += [("surface", f"sinks {how}"), ("bends by", f"{solution.bends:.3g} m at most")]
     if solution.gait is not None:
         rows.append(("gait", str(solution.gait)))
     return f"{solution.name}, {solution.sampling} ({solution.basis})", rows

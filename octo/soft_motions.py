@@ -125,9 +125,11 @@ class Course:
         own = Asked.of(f"goal {self.task}", what, found, wanted, "m", each=True)
         return replace(solution, asked=(own,))
 
-    def guess(self, seed: int) -> Array:
+    def guess(self, seed: int) -> Array | None:
         """x_0 … x_N (N+1, n) of a rigid ball that rolls; for each seed but 0 its modes swing once,
-        each time by another amount."""
+        each time by another amount. None of other tasks, which begin as octo.solve does."""
+        if self.task != "roll":
+            return None
         steps, at = self.problem.steps, self.problem.start
         s = np.linspace(0.0, 1.0, steps + 1)
         guess = np.tile(at, (steps + 1, 1))
@@ -232,10 +234,10 @@ def solve_soft(
     turn."""
     whole("seeds", seeds, most=MOST_STARTS)
     whole("seed", seed, 0, LARGEST_SEED)
-    if course.task != "roll" or start is not None:
+    guesses: Any = [course.guess(own) for own in range(seed, seed + seeds)]
+    if start is not None or guesses[0] is None:
         found = solve(course.problem, start=start, seeds=seeds, seed=seed, **options)
         return course.said(found)
-    guesses: Any = [course.guess(own) for own in range(seed, seed + seeds)]
     members = solve([course.problem] * seeds, start=guesses, **options)
     return course.said(best_of([replace(m, seed=seed + k) for k, m in enumerate(members)]))
 

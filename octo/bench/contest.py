@@ -46,7 +46,8 @@ class Entry:
 class Contest:
     """Every solver on every seed and pass, one core each.
 
-    ``guess`` gives x_0 … x_N (N+1, n) of a seed, where a task has a first guess of its own.
+    ``guess`` gives x_0 … x_N (N+1, n) of a seed, or None, where a task has a first guess of its
+    own.
 
     The first pass starts where octo's own does with the seed's noise, or from ``start``; each later
     pass, for all solvers, from the same converged solution of the pass before: octo's, or where
@@ -60,7 +61,7 @@ class Contest:
     threads: int = 1
     device: str = "cpu"
     start: Solution | None = None
-    guess: Callable[[int], Array] | None = None
+    guess: Callable[[int], Array | None] | None = None
 
     def __post_init__(self) -> None:
         shape = (self.problem.steps + 2, self.problem.dynamics.nx)

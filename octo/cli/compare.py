@@ -129,8 +129,7 @@ def asked_of(arguments: argparse.Namespace, cycle: Cycle | None) -> Asked:
     if is_soft(arguments.robot):
         check_soft(arguments)
         course = course_of(arguments)
-        guess = course.guess if course.task == "roll" else None
-        return Asked(course.task, lambda: course.problem, course.said, guess)
+        return Asked(course.task, lambda: course.problem, course.said, course.guess)
     if cycle is not None:
         robot = robot_of(arguments)
         return Asked("", lambda: repeated(robot, cycle, arguments))

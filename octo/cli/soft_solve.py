@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -50,11 +51,15 @@ def check_soft(arguments: argparse.Namespace) -> None:
         "--object": bool(getattr(arguments, "objects", ())),
         "--cycle": getattr(arguments, "cycle", False),
         "--basis": arguments.basis != "nodes",
-        "--height": arguments.height is not None and arguments.goal != "jump",
     }
+    _refuse(arguments, given)
+    if arguments.height is not None and arguments.goal != "jump":
+        raise UsageError(f"--height is of a jump, the goal is {arguments.goal}")
+
+
+def _refuse(arguments: argparse.Namespace, given: Mapping[str, bool]) -> None:
+    """Options of robots, the first that is given."""
     for option, is_given in given.items():
-        if is_given and option == "--height":
-            raise UsageError(f"--height is of a jump, the goal is {arguments.goal}")
         if is_given:
             raise UsageError(f"{option} is of a robot, {arguments.robot} is a soft body")
 
@@ -67,13 +72,13 @@ def course_of(arguments: argparse.Namespace) -> Course:
     """The motion that is asked for, as a problem."""
     from octo.soft_motions import TASKS, soft_course
 
-    way = arguments.distance
     body, ground = body_of(arguments.robot), ground_of_words(arguments)
-    check_covered(ground, [TASKS[arguments.goal](body) if way is None else way, 0.0])
+    way = TASKS[arguments.goal](body) if arguments.distance is None else arguments.distance
+    check_covered(ground, [way, 0.0])
     return soft_course(
         body,
         arguments.goal,
-        arguments.distance,
+        way,
         height=arguments.height,
         seconds=seconds_of(arguments),
         dt=arguments.dt,
@@ -110,9 +115,7 @@ def dropped(arguments: argparse.Namespace, steps: int) -> Problem:
         "--pose": arguments.pose is not None,
         "--hold": arguments.hold,
     }
-    for option, is_given in given.items():
-        if is_given:
-            raise UsageError(f"{option} is of a robot, {arguments.robot} is a soft body")
+    _refuse(arguments, given)
     body = body_of(arguments.robot)
     law = law_with(arguments.friction, body)
     dynamics = SoftDynamics(body, law, ground_of_words(arguments))

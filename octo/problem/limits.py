@@ -90,16 +90,22 @@ class _Symmetric(Constraint):
     def rows(self, setting: Setting) -> Sequence[Row]:
         own, robot = self._coordinates(setting), setting.character
         chosen, _, size = self._limited(robot, len(own))
-        words = [in_words(robot, int(own[k]), self.units) for k in chosen]
-        if setting.names is not None:
-            words = [(setting.names[own[k]], "") for k in chosen]
-        elif robot is None and self.units == TORQUE:
+        words = [in_words(robot, int(own[k]), self.units, setting.names) for k in chosen]
+        if robot is None and setting.names is None and self.units == TORQUE:
             words = [(f"u{k}", "") for k in chosen]
         return [Row(*each, float(one)) for each, one in zip(words, size, strict=True)]
 
 
-def in_words(robot: Character | None, coordinate: int, units: tuple[str, str]) -> tuple[str, str]:
-    """Name of a coordinate, and its unit of the two for hinges and for slides."""
+def in_words(
+    robot: Character | None,
+    coordinate: int,
+    units: tuple[str, str],
+    names: Sequence[str] | None = None,
+) -> tuple[str, str]:
+    """Name of a coordinate, and its unit of the two for hinges and for slides; of other dynamics
+    one of ``names``, where they have any."""
+    if names is not None:
+        return names[coordinate], ""
     if robot is None:
         return f"x{coordinate}", ""
     joint = robot.joints[coordinate]

@@ -79,8 +79,10 @@ class Phases:
 
     def __repr__(self) -> str:
         who = self.problems[0].character
-        name = self.problems[0].dynamics.name if who is None else who.name
-        name = "the user's dynamics" if name == Dynamics.name else name
+        dynamics = self.problems[0].dynamics
+        name = dynamics.name if who is None else who.name
+        if who is None and dynamics.names is None:
+            name = "the user's dynamics"
         title = (
             f"{len(self.problems)} phases of {name}: {self.steps} steps in {self.times[-1]:.6g} s"
         )

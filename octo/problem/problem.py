@@ -157,7 +157,7 @@ class Problem(Shown):
     def __repr__(self) -> str:
         robot, seconds = self.character, self.steps * self.dt
         what = self.dynamics.name if robot is None else robot.name
-        if type(self.dynamics).name is Dynamics.name and robot is None:
+        if robot is None and self.dynamics.names is None:
             what = f"{self.dynamics.nx} coordinates of the user's dynamics"
         begin = "a given state" if self.x0 is not None else "a static pose"
         end = "a free end" if self.x_end is None and self.displacement is None else "a fixed end"

@@ -61,9 +61,8 @@ def residuals_of(problem: CompiledProblem, at: Evaluation, member: int) -> tuple
         place = int(np.argmax(np.nan_to_num(np.abs(C[:, k]), nan=np.inf)))
         share = np.nan_to_num(np.abs(plan.test_matrix[place] * rows[:, k]), nan=np.inf)
         step, part = int(np.argmax(share)), float(abs(C[place, k]))
-        words = in_words(described.character, int(coordinate), units)
-        if problem.dynamics.names is not None:
-            words = problem.dynamics.names[coordinate], ""
+        names = problem.dynamics.names
+        words = in_words(described.character, int(coordinate), units, names)
         value = float(C[place, k] / problem.row_scale[member, k])
         time = float(described.dt * (step + 1))
         made.append(Residual(*words, step, time, value, part))

@@ -212,9 +212,11 @@ class Solution(Trajectory, Shown):
         if self.extent is not None:
             travel = ", ".join(f"{metres:.2f}" for metres in self.com[-1] - self.com[0])
             half = self.cycle is not None and self.cycle.mirrored
-            feet, more = ("it", "s") if self.soft is not None else ("feet", "")
-            end = f"largest |u|/limit {self.torque_excess:.2f}"
-            if self.soft is not None:
+            if self.soft is None:
+                feet, more = "feet", ""
+                end = f"largest |u|/limit {self.torque_excess:.2f}"
+            else:
+                feet, more = "it", "s"
                 air = float(self.intervals[~self.loaded.any(axis=1)].sum())
                 end = f"it bends by {self.bends:.3g} m at most, and is in the air for {air:.3g} s"
             lines.append(

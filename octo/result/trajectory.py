@@ -153,8 +153,8 @@ class Trajectory:
             return ("N kg^-½",) * self.u.shape[1]
         if self.character is None:
             return ("",) * self.u.shape[1]
-        turning = [self.units[j] == "rad" for j in self.character.actuated]
-        return tuple("N m" if turns else "N" for turns in turning)
+        units = self.units
+        return tuple("N m" if units[j] == "rad" else "N" for j in self.character.actuated)
 
     @property
     def com(self) -> Array:
@@ -189,8 +189,7 @@ class Trajectory:
         what has none."""
         if self.soft is None:
             return 0.0
-        own = np.einsum("kr,prj->kpj", self.x[1:, 6:], self.soft.body.modes)
-        return float(np.linalg.norm(own, axis=2).max())
+        return float(np.linalg.norm(self.soft.body.moved(self.x[1:, 6:]), axis=2).max())
 
     # -- what the feet do --------------------------------------------------------------------------
 

@@ -195,6 +195,10 @@ class Body:
             )
         return tuple(found)
 
+    def moved(self, z: Array) -> Array:
+        """(…, P, 3) m, what z (…, r) moves the points by."""
+        return np.asarray(np.einsum("prk,...r->...pk", self.modes, z))
+
     def deformed(self, z: ArrayLike) -> Array:
         """The points (P, 3) m in the body's frame, at z.
 
@@ -203,7 +207,7 @@ class Body:
         z: (r,) kg^½ m, of the modes.
         """
         own = numbers("z", z, (self.modes.shape[1],))
-        return np.asarray(self.points + np.einsum("prk,r->pk", self.modes, own))
+        return np.asarray(self.points + self.moved(own))
 
     def energy(self, z: ArrayLike) -> float:
         """The elastic energy (J) at z.

@@ -88,8 +88,8 @@ class Surface:
             count = len(flat[part])
             still = np.tile(np.eye(3).reshape(9, 1), count)
             poses = [np.concatenate([still, points[part].T]) for points in (flat, before)]
-            look = [] if world is None else [world.jets(flat[part], len(SIZES) - 1).T]
-            look = [flat[part].T, *look] if look else []
+            order = len(SIZES) - 1
+            look = [] if world is None else [flat[part].T, world.jets(flat[part], order).T]
             given = (*poses, np.zeros((4, count)), np.repeat(p[:, None], count, axis=1), *look)
             found[part] = np.asarray(one(*given)).T
         state = found.reshape(*places.shape[:2], found.shape[1])

@@ -92,6 +92,8 @@ def test_a_motion_says_whose_it_is_and_how_it_went() -> None:
     base = "base_x base_y base_z base_yaw base_pitch base_roll"
     assert motion.joint_names[:6] == tuple(base.split())
     assert motion.actuated_names == ("mode_1", "mode_2", "mode_3", "mode_4")
+    problem = soft_course(cloud(4, 60), "jump").problem
+    assert repr(problem).startswith("Problem of cloud: ")
     text = str(motion)
     (bound,) = motion.bounds
     assert bound.row.startswith("mode_") and bound.held
