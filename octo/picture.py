@@ -24,7 +24,8 @@ from octo.saved import Motion, motion_of
 from octo.soft.skin import SHADES, posed
 from octo.world.cut import halved, near
 from octo.world.drawn import Drawn, creases, drawn
-from octo.world.primitives import Ground as Floor
+from octo.world.primitives import Ground
+from octo.world.sampled import Heights
 from octo.world.world import World
 
 if TYPE_CHECKING:
@@ -78,34 +79,6 @@ class Camera:
         return np.asarray(points @ self.axes[2])
 
 
-@dataclass(frozen=True)
-class Ground:
-    """Heights of the terrain that a solution sampled, continued sideways by its border."""
-
-    x: Array
-    y: Array
-    z: Array
-
-    @staticmethod
-    def of(solution: Solution) -> Ground | None:
-        g = solution.ground
-        return Ground(g["x"], g["y"], g["z"]) if g else None
-
-    def height(self, points: Array) -> Array:
-        """(...) m under points (..., 2 or 3)."""
-        i, s = _place(self.x, points[..., 0])
-        j, t = _place(self.y, points[..., 1])
-        z = self.z
-        low, high = ((1 - t) * z[k, j] + t * z[k, j + 1] for k in (i, i + 1))
-        return np.asarray((1 - s) * low + s * high)
-
-    @property
-    def flat(self) -> bool:
-        """Whether all of it is one plane."""
-        spread = (np.ptp(np.diff(self.z, axis=axis), axis=axis) for axis in (0, 1))
-        return all(float(values.max(initial=0.0)) < 1e-6 for values in spread)
-
-
 def filmstrip(
     solution: Motion,
     path: str | os.PathLike[str] | None = None,
@@ -146,7 +119,7 @@ def filmstrip(
     each = travel @ camera.axes[0, :2] / max(len(frames) - 1, 1)
     # (3,) m, to the right from moment to moment
     shift = max(0.0, 1.1 * room - each) * camera.axes[0]
-    scene = Scene(camera, Ground.of(solution), solution.extent, solution.world)
+    scene = Scene(camera, Heights.of(solution.ground), solution.extent, solution.world)
     scene.visuals = flag("visuals", visuals)
     pictures = 1
     if shift.any() and scene.obstacles:  # which a character beside itself would not be among
@@ -172,9 +145,9 @@ class Scene:
     """Polygons with colours, collected and then painted from far to near."""
 
     def __init__(
-        self, camera: Camera, ground: Ground | None, scale: float, world: World | None = None
+        self, camera: Camera, heights: Heights | None, scale: float, world: World | None = None
     ):
-        self.camera, self.terrain, self.scale, self.world = camera, ground, scale, world
+        self.camera, self.terrain, self.scale, self.world = camera, heights, scale, world
         light = -0.45 * camera.axes[0] - 0.55 * camera.axes[2] + np.array([0.0, 0.0, 0.9])
         self.light = light / np.linalg.norm(light)
         # m, of the ground around the way, and of a triangle of a shape
@@ -201,7 +174,7 @@ class Scene:
     def obstacles(self) -> bool:
         """Whether the world is more than planes."""
         shapes = () if self.world is None else self.world.shapes
-        return not all(isinstance(shape, Floor) for shape in shapes)
+        return not all(isinstance(shape, Ground) for shape in shapes)
 
     def character(self, solution: Solution, frame: int, share: float, shift: Array) -> None:
         """The character, or soft body, at node ``frame``; ``share`` of the way from the first to
@@ -250,7 +223,7 @@ class Scene:
             # none on what is steep, where it would be a curtain, or above
             if self.world is not None:
                 above = (shadow[..., 2] > corners[normal[:, 2] > 0.0][..., 2]).any(axis=1)
-                steep = np.ptp(shadow[..., 2], axis=1) > STEP * self.scale
+                steep = (self.terrain.drop(shadow) > STEP * self.scale).any(axis=1)
                 shadow = shadow[~(above | steep)]
             self.shadows.append(shadow)
         front = normal @ self.camera.axes[2] < 0.0
@@ -387,12 +360,6 @@ def _chosen(
         allowed = f"two times from 0 to {end:g} s, in order"
         raise ValueRangeError(f"between is {between}, must be {allowed}")
     return np.unique(np.round(np.linspace(start, stop, moments) / solution.dt).astype(np.intp))
-
-
-def _place(grid: Array, value: Array) -> tuple[NDArray[np.intp], Array]:
-    """Index of the interval of ``grid`` that holds ``value``, and where in it (0…1)."""
-    index = np.clip(np.searchsorted(grid, value, side="right") - 1, 0, len(grid) - 2)
-    return index, np.clip((value - grid[index]) / (grid[index + 1] - grid[index]), 0.0, 1.0)
 
 
 def _bounds(parts: Sequence[Array]) -> tuple[Array, Array]:

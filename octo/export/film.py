@@ -16,9 +16,10 @@ from octo.export.raster import Pixels, draw
 from octo.files import replacing
 from octo.model.quantities import Array
 from octo.model.skins import skins
-from octo.picture import FORCE, SHADOW, Camera, Ground, Scene
+from octo.picture import FORCE, SHADOW, Camera, Scene
 from octo.result.even import resampled
 from octo.result.solution import Solution
+from octo.world.sampled import Heights
 
 # pixels of a frame, and ffmpeg's words
 KINDS: dict[str, tuple[tuple[int, int], dict[str, Any]]] = {
@@ -88,7 +89,7 @@ class Film:
         travel = com[-1, :2] - com[0, :2]
         moves = float(np.linalg.norm(travel)) > 0.5 * scale
         heading = float(np.arctan2(*travel[::-1]) if moves else motion.yaw[0])
-        self.scene = Scene(Camera.beside(heading), Ground.of(motion), scale, motion.world)
+        self.scene = Scene(Camera.beside(heading), Heights.of(motion.ground), scale, motion.world)
         self.scene.visuals, self.scene.colored, self.scene.reach = visuals, True, REACH * scale
         self.scene.fine = PIECE * scale
         if character is not None:

@@ -9,9 +9,10 @@ import numpy as np
 from octo.model.figure import Surface, tile
 from octo.model.quantities import Array
 from octo.model.skins import Skin
-from octo.picture import STONE, TILES, Ground
+from octo.picture import STONE, TILES
 from octo.result.trajectory import Trajectory
 from octo.world.drawn import drawn
+from octo.world.sampled import Heights
 
 MOST_TILES = 10_000  # of a plane; a larger one has larger tiles
 
@@ -23,7 +24,8 @@ def stage(motion: Trajectory) -> list[tuple[str, list[Skin]]]:
         return []
     around = np.array([[ground[axis][end] for axis in "xy"] for end in (0, -1)])
     if motion.world is None:
-        found = Ground(ground["x"], ground["y"], ground["z"])
+        found = Heights.of(ground)
+        assert found is not None
         chequered = found.flat and _tiled(around, scale, found.height)
         return [("ground", chequered or [_heights(found)])]
     parts = []
@@ -53,7 +55,7 @@ def _tiled(around: Array, scale: float, height: Callable[[Array], Array]) -> lis
     return skins
 
 
-def _heights(ground: Ground) -> Skin:
+def _heights(ground: Heights) -> Skin:
     x, y = np.meshgrid(ground.x, ground.y, indexing="ij")
     index = np.arange(x.size).reshape(x.shape)
     a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from octo import World, filmstrip, shapes, view, worlds
-from octo.model.figure import size
+from octo.model.figure import ball, size
 from octo.model.gallery import CHARACTERS
-from octo.picture import Camera, Ground, Scene
+from octo.picture import Camera, Scene
 from octo.result.solution import Solution
 from octo.world.drawn import sampled
+from octo.world.sampled import Heights
 
 RISE = 0.04  # m
 
@@ -30,7 +31,8 @@ def over(world: World, **changes) -> Solution:
 
 def painted(solution: Solution) -> Scene:
     assert solution.character is not None
-    scene = Scene(Camera.beside(0.0), Ground.of(solution), size(solution.character), solution.world)
+    heights, camera = Heights.of(solution.ground), Camera.beside(0.0)
+    scene = Scene(camera, heights, size(solution.character), solution.world)
     scene.ground_under(solution.com)
     scene.character(solution, 10, 0.5, np.zeros(3))
     return scene
@@ -66,6 +68,18 @@ def test_no_shadow_hangs_over_a_step_or_on_a_bar_above() -> None:
     shadows = np.concatenate(scene.shadows)
     assert shadows[..., 2].max() < 0.1
     assert np.ptp(shadows[..., 2], axis=1).max() < 0.1
+
+
+def test_small_triangles_leave_no_shadow_on_a_wall() -> None:
+    """The heights are linear between samples: none is a line down a wall."""
+    scene = painted(over(worlds.gap(width=0.25, start=0.2)))
+    scene.shadows = []
+    for x in np.linspace(0.15, 0.5, 200):  # over both walls; triangles of half a millimetre
+        scene._add(ball(np.zeros(3), 0.002), np.eye(3), np.array([x, 0.0, 0.3]), np.ones(3))
+    heights = np.concatenate(scene.shadows)[..., 2]
+    bottom = heights.min()
+    assert bottom < -0.5
+    assert np.minimum(np.abs(heights), np.abs(heights - bottom)).max() < 0.01  # edges are rounded
 
 
 def test_stills_are_drawn_of_every_kind_of_shape(tmp_path: Path) -> None:
