@@ -21,7 +21,7 @@ from octo.model.skins import Skin, skins
 from octo.result.even import even
 from octo.result.solution import Solution
 from octo.saved import Motion, motion_of
-from octo.soft.skin import SHADES, posed
+from octo.soft.skin import posed, shaded
 from octo.world.cut import halved, near
 from octo.world.drawn import Drawn, creases, drawn
 from octo.world.primitives import Ground
@@ -183,8 +183,8 @@ class Scene:
         color = (1 - share) * FAR + share * NEAR
         if solution.soft is not None:
             for surface, shade in posed(solution.soft, x):
-                own = shade if self.colored else color * shade / SHADES[-1]
-                self._add(surface, np.eye(3), shift, own)
+                tint = shade if self.colored else shaded(color, shade)
+                self._add(surface, np.eye(3), shift, tint)
             return
         character = solution.character
         assert character is not None

@@ -106,8 +106,7 @@ def _contacts(
         names, vectors, depth = dynamics.contact_numbers(p, nodes)
         out: dict[str, Any] = dict(zip(VECTORS, vectors, strict=True))
         out |= {"contact_depth": depth, "contact_names": names}
-        around = np.concatenate([nodes[1:, :3], out["contact_point"].reshape(-1, 3)])
-        return out | {"ground": ground(dynamics, p, around)}
+        return out | {"ground": ground(dynamics, p, passed(True, nodes, out["contact_point"]))}
     count = len(dynamics.character.terrain_contacts) if isinstance(dynamics, RobotDynamics) else 0
     if not isinstance(dynamics, RobotDynamics) or count == 0:
         empty = {name: np.zeros((steps, 0, 3)) for name in VECTORS}
@@ -145,6 +144,13 @@ def world_of(dynamics: Dynamics) -> World | None:
     """The shapes that a robot's or a soft body's ground is made of; None of other grounds."""
     terrain = dynamics.terrain if isinstance(dynamics, (RobotDynamics, SoftDynamics)) else None
     return terrain if isinstance(terrain, World) else None
+
+
+def passed(soft: bool, nodes: Array, points: Array) -> Array:
+    """(k, 3) m, where a motion x_{-1} … x_N (N+2, n) passes: at its contacts' ``points``
+    (..., 3), and a soft body, which has none in the air, at its middle too."""
+    middle = nodes[1:, :3] if soft else np.zeros((0, 3))
+    return np.concatenate([middle, points.reshape(-1, 3)])
 
 
 @postponed()

@@ -9,15 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from octo.checks import Array
 from octo.dynamics.evaluate import RobotDynamics
 from octo.problem.compiled import CompiledProblem
 from octo.problem.continued import BEFORE
 from octo.problem.evaluation import Evaluation
 from octo.problem.phased import Compiled, PhasedProblem
 from octo.result.bounds import Bound, bounds_kept
-from octo.result.measure import ground, measured
+from octo.result.measure import ground, measured, passed
 from octo.result.residuals import Residual
 from octo.result.trajectory import ROWS, VECTORS, Trajectory
+from octo.soft.dynamics import SoftDynamics
 
 
 def motion_of(problem: Compiled, at: Evaluation, member: int) -> dict[str, Any]:
@@ -40,6 +42,9 @@ def _whole(
     for phase in phases:
         for name, value in phase.terms.items():
             terms[name] = terms.get(name, 0.0) + value
+    under = np.concatenate(
+        [passed(one.soft is not None, one.x, one.contact_point) for one in phases]
+    )
     phases = _of_all_vertices(phases)
     first = phases[0]
     made = {name: getattr(first, name) for name in ("name", "character", "soft", "basis", "weight")}
@@ -56,7 +61,7 @@ def _whole(
         "unknowns": at.unknowns[member].copy(),
         "terms": terms,
         "parameters": first.parameters,
-        "ground": _ground(problem, member, made["contact_point"]),
+        "ground": _ground(problem, member, under),
         "world": first.world,
         "asked": tuple(
             replace(one, name=_named(one.name, k)) for k, (own, *_) in places for one in own.asked
@@ -147,10 +152,10 @@ def _worst(residuals: Sequence[Residual]) -> tuple[Residual, ...]:
     return tuple(worst.values())
 
 
-def _ground(problem: PhasedProblem, member: int, points: Any) -> dict[str, Any]:
-    """The ground of the first phase under the whole motion."""
+def _ground(problem: PhasedProblem, member: int, places: Array) -> dict[str, Any]:
+    """The ground of the first phase under places (k, 3) m of the whole motion."""
     first = problem.parts[0]
     dynamics = first.dynamics
-    if not isinstance(dynamics, RobotDynamics) or not points.size:
+    if not isinstance(dynamics, (RobotDynamics, SoftDynamics)) or not len(places):
         return {}
-    return ground(dynamics, first.p[member], points)
+    return ground(dynamics, first.p[member], places)

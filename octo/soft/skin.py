@@ -26,6 +26,11 @@ def soft_skins(body: Body) -> list[Skin]:
     ]
 
 
+def shaded(color: Array, shade: Array) -> Array:
+    """(3,) the shade of a part, of a body that is drawn in another colour (3,)."""
+    return np.asarray(color * shade / SHADES[-1])
+
+
 def posed(soft: Coordinates, x: Array) -> list[tuple[Surface, Array]]:
     """The parts where they are at x (n,), m in the world, and their colours."""
     points = soft.surface(x[None])[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from octo.model.quantities import Array, interpolated
 from octo.model.quaternions import quaternions
 from octo.model.skins import Skin, skins
 from octo.result.solution import Solution
-from octo.soft.skin import soft_skins
+from octo.soft.skin import shaded, soft_skins
 from octo.viewer.ground import Ground, add_ground, is_level
 
 Color = tuple[int, int, int]
@@ -233,13 +233,24 @@ def _add_character(
 ) -> Nodes:
     """``color``: of all of it, None where it stands alone and has its own."""
     character, ever = actor.solution.character, np.asarray(actor.solution.loaded.any(axis=0))
-    bodies = add_bodies(server, name, actor.bodies, actor.skins, color)
+    looks: Sequence[Sequence[Skin]] = actor.skins
+    if color is not None and actor.bend is not None:  # it keeps its two shades
+        looks, color = _in_shades_of(np.array(color) / 255.0, looks), None
+    bodies = add_bodies(server, name, actor.bodies, looks, color)
     feet = {} if character is None else add_feet(server, bodies, character, ever)
     bent = [] if actor.bend is None or 0 not in bodies else parts_of(bodies[0], len(actor.skins[0]))
     if not forces or not (ever.any() or actor.touch[0].any()):
         return Nodes(bodies, feet, None, bent)
     add_arrows(server, f"{name}/forces", arrows_of(actor)[0], actor.scale)
     return Nodes(bodies, feet, f"{name}/forces", bent)
+
+
+def _in_shades_of(color: Array, looks: Sequence[Sequence[Skin]]) -> list[list[Skin]]:
+    """The skins of a soft body in another colour (3,), of numbers from 0 to 1."""
+    return [
+        [replace(skin, color=shaded(color, np.asarray(skin.color))) for skin in own]
+        for own in looks
+    ]
 
 
 def add_bodies(

@@ -23,6 +23,7 @@ from octo.errors import MissingExtraError, ModelError, OutputError, ShapeError
 from octo.model.gallery import CHARACTERS
 from octo.model.kinematics import body_poses
 from octo.result.solution import Solution
+from octo.soft.skin import SHADES
 from octo.viewer import view
 from octo.viewer.page import GRAIN, in_words
 
@@ -163,6 +164,20 @@ def test_two_side_by_side_on_hills(tmp_path: Path) -> None:
     view([mammal, mammal], tmp_path / "both.html")
     labels = [c["label"] for c in page_data(tmp_path / "both.html")["characters"]]
     assert labels == ["mammal 1", "mammal 2"]
+
+
+def test_two_soft_bodies_side_by_side_keep_their_shades(tmp_path: Path) -> None:
+    ball = motions.swinging()
+    view([ball, ball], tmp_path / "both.html")
+    colors = [
+        message["props"]["color"]
+        for _, message in recorded(tmp_path / "both.html")["messages"]
+        if re.fullmatch(r"/world/[01]_ball/0_ball(/part_1)?", message.get("name", ""))
+        and "color" in message.get("props", {})
+    ]
+    assert len({tuple(color) for color in colors}) == len(colors) == 4
+    for dark, light in (colors[:2], colors[2:]):
+        np.testing.assert_allclose(dark, np.array(light) * SHADES[0] / SHADES[1], atol=1.0)
 
 
 @pytest.mark.parametrize("rate", [1e-9, 0.6])

@@ -235,6 +235,11 @@ def test_phases_of_one_body_are_joined() -> None:
     assert both.soft is not None and both.name == "cloud"
     assert both.contact_force.shape == (40, len(both.contact_names), 3)
     one, other = both.phases
+    for k, axis in enumerate("xy"):  # the ground is under all of it
+        assert (
+            both.ground[axis][0] < both.x[:, k].min() <= both.x[:, k].max() < both.ground[axis][-1]
+        )
+    np.testing.assert_allclose(both.ground["z"], 0.0, atol=1e-9)
     for k, name in enumerate(both.contact_names):
         for phase, part in ((one, slice(0, 20)), (other, slice(20, 40))):
             own = np.zeros((20, 3))
