@@ -92,9 +92,9 @@ def filmstrip(
 
     Feet are orange while they carry load; footprints and the path of the centre of mass are marked.
     Forces between bodies are arrows, one on each body; the weight is as long as 0.8 of the
-    character. A character that hardly travels is drawn beside itself, moment by moment; among the
-    shapes of a world each moment has a picture of its own, of the same place. ``visuals``: a robot
-    looks as its file says, False: as the shapes that octo computes with.
+    character. A character that hardly travels is drawn beside itself, moment by moment; among
+    objects or the shapes of a world each moment has a picture of its own, of the same place.
+    ``visuals``: a robot looks as its file says, False: as the shapes that octo computes with.
 
     Raises
     ------
@@ -120,9 +120,9 @@ def filmstrip(
     # (3,) m, to the right from moment to moment
     shift = max(0.0, 1.1 * room - each) * camera.axes[0]
     scene = Scene(camera, Heights.of(solution.ground), solution.extent, solution.world)
-    scene.visuals = flag("visuals", visuals)
-    pictures = 1
-    if shift.any() and scene.obstacles:  # which a character beside itself would not be among
+    scene.visuals, pictures = flag("visuals", visuals), 1
+    among = scene.obstacles or (solution.character is not None and solution.character.objects)
+    if shift.any() and among:  # which a character beside itself would not be among
         pictures, shift = len(frames), np.zeros(3)
     apart = np.linspace(0.0, len(frames) - 1.0, len(path_of_com))[:, None] * shift
     scene.ground_under(path_of_com + apart)

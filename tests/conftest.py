@@ -35,6 +35,7 @@ LONGEST = (
 # compiled without optimisation, in a quarter of the time.
 AS_SHIPPED = (
     "test_graph.py",
+    "test_kick.py",
     "test_lanes.py",
     "test_motions.py",
     "test_motions_within_limits.py",

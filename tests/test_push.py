@@ -18,6 +18,7 @@ from octo.goals import Goal
 from octo.model.feet import lowest_contacts
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.problem.compiled import CompiledProblem
+from octo.push.kick import Kick
 from octo.push.plan import STAGES, Plan
 from octo.push.task import Task
 
@@ -37,16 +38,15 @@ def plan_of(task: Task) -> Plan:
     x[[0, -1]] = x[[1, 1]]
     x[-1, 0] = way
     law = {"contact.w_perp": 3e6, "contact.onset": 2e-3}
-    return Plan(task, replace(walk, x=x, parameters=law))
+    return (Kick if task.rolls else Plan)(task, replace(walk, x=x, parameters=law))
 
 
 TURNED = octo.objects.box((0.3, 0.2, 0.2), 1.5, (0.5, 0.2, 0.1), (np.cos(0.4), 0, 0, np.sin(0.4)))
 BALL = octo.objects.ball(0.1, 0.5, (0.5, 0.2, 0.1))
 
 
-@pytest.mark.parametrize("thing", [TURNED, BALL])
-def test_the_walk_is_behind_the_object_and_never_in_it(thing: octo.Character) -> None:
-    task = task_of(thing)
+def test_the_walk_is_behind_the_object_and_never_in_it() -> None:
+    task = task_of(TURNED)
     plan = plan_of(task)
     nodes, ahead = plan.nodes, task.way / np.linalg.norm(task.way)
     assert nodes[-1, task.first : task.first + 2] == pytest.approx(PLACE)
@@ -64,11 +64,39 @@ def test_the_walk_is_behind_the_object_and_never_in_it(thing: octo.Character) ->
     assert (np.array(gaps) - radii).min() > 0.0
 
 
+def test_a_foot_meets_the_ball_and_nothing_is_in_it_before() -> None:
+    task = task_of(BALL)
+    plan = plan_of(task)
+    assert isinstance(plan, Kick)
+    nodes, met, ball = plan.nodes, plan.meeting.node, slice(task.first, task.first + 3)
+    assert nodes[-1, ball][:2] == pytest.approx(PLACE)
+    assert np.ptp(nodes[: met + 1, ball], axis=0).max() == 0.0
+    radii = np.array([contact.radius for contact in MAMMAL.contacts])
+    centers = sphere_centers(MAMMAL, nodes[:, : MAMMAL.nx])
+    gaps = np.linalg.norm(centers - nodes[:, None, ball], axis=-1) - radii - 0.1
+    foot = int(gaps[met].argmin())
+    assert foot in lowest_contacts(MAMMAL, task.leaning) and abs(gaps[met, foot]) < 1e-9
+    assert gaps[:met].min() > 0.0
+    forward = (centers[met + 1, foot] - centers[met - 1, foot])[:2] @ task.way
+    assert forward > 0.0 and centers[met, foot, 2] - radii[foot] > 0.04 * task.length
+    # it rolls longer than the robot walks, which stands then, half as fast as the foot at most
+    assert len(nodes) > 41 and np.ptp(nodes[40:, : MAMMAL.nx], axis=0).max() == 0.0
+    speed = np.linalg.norm(nodes[-1, ball] - nodes[-2, ball])
+    assert speed <= 0.51 * forward / np.linalg.norm(task.way) / 2.0
+
+
+def test_a_ball_that_no_foot_can_meet_is_refused() -> None:
+    pea = octo.objects.ball(0.003, 0.01, (0.5, 0.2, 0.003))
+    with pytest.raises(ProblemError, match="no foot of mammal's walk swings at the height of the"):
+        _ = plan_of(task_of(pea)).nodes
+
+
 @pytest.mark.parametrize("place", [(1.2, 0.3), (0.6, 0.9), (-0.4, 0.2), (0.5, -0.6)])
 def test_a_ball_rolls_without_slip_and_without_a_singular_angle(place: tuple[float, float]) -> None:
     task = task_of(BALL, place)
-    nodes = plan_of(task).nodes
-    first = task.first
+    plan = plan_of(task)
+    assert isinstance(plan, Kick)
+    nodes, first = plan.nodes[plan.meeting.node :], task.first
     moved, middle = nodes[-1, first : first + 3] - nodes[0, first : first + 3], nodes[:, first + 4]
     assert np.abs(middle).max() == 0.0
     b = task.scene.body_index("ball")

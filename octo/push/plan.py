@@ -1,10 +1,11 @@
-"""A walk laid behind an object, and the stages in which the rod between them goes."""
+"""A walk laid behind an object that slides, and the stages in which the rod between them goes."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -57,11 +58,19 @@ class Plan:
 
     Attributes
     ----------
-    walk: straight ahead, as long as the object's way.
+    walk: straight ahead, as long as :meth:`distance`. stages: of the continuation, of which all but
+        the last take so many ``iterations`` at most.
     """
 
     task: Task
     walk: Solution
+    stages: ClassVar[Sequence[Stage]] = STAGES
+    iterations: ClassVar[int] = 100  # of a stage but the last
+
+    @classmethod
+    def distance(cls, task: Task) -> float:
+        """m, that the robot walks: as far as the object is pushed."""
+        return float(np.linalg.norm(task.way))
 
     @cached_property
     def reach(self) -> float:
@@ -84,28 +93,26 @@ class Plan:
     @cached_property
     def nodes(self) -> Array:
         """(N+1, nx) the walk behind the object, which moves as the base does."""
+        task, base = self.task, self.base
+        made = self._laid(np.array([self.reach + task.depth, 0.0]))
+        moved = made[:, base : base + 2] - made[0, base : base + 2]
+        made[:, task.first : task.first + 2] += moved
+        return made
+
+    def _laid(self, ahead: Array) -> Array:
+        """(N+1, nx) the walk in the direction of the object's way, which begins with the object's
+        middle ``ahead`` (2,) m of the base and to its left."""
         task, x, base = self.task, self.walk.x[1:], self.base
-        turn = task.heading - self.yaw
+        turn, along = task.heading - self.yaw, task.way / np.linalg.norm(task.way)
         c, s = np.cos(turn), np.sin(turn)
         made = np.tile(task.scene.start_pose, (len(x), 1))
         made[:, : task.robot.nx] = x
         moved = (x[:, base : base + 2] - x[0, base : base + 2]) @ np.array([[c, s], [-s, c]])
-        back = (self.reach + task.depth) * task.way / np.linalg.norm(task.way)
+        back = ahead @ np.array([along, [-along[1], along[0]]])
         middle = task.scene.start_pose[task.first : task.first + 2]
         made[:, base : base + 2] = middle - back + moved
         made[:, base + 3] += turn
-        made[:, task.first : task.first + 2] += moved
-        if task.rolls:
-            made[:, task.first + 3 :] += self._rolled(moved)
         return made
-
-    def _rolled(self, moved: Array) -> Array:
-        """(N+1, 3) rad, the angles of a ball that rolls by ``moved`` (N+1, 2) m; of its chart the
-        innermost axis is taken."""
-        task = self.task
-        angles = np.zeros((len(moved), 3))
-        angles[:, 2] = np.array([moved[:, 0], -moved[:, 1]])[int(task.chart == "zyx")] / task.depth
-        return angles
 
     def model(self, stage: Stage) -> tuple[Character, dict[str, float]]:
         """The scene, with the rod where there is one, and its parameters."""
@@ -133,7 +140,7 @@ class Plan:
         """One stage of the continuation."""
         task = self.task
         model, given = self.model(stage)
-        common: dict[str, Any] = {"steps": self.walk.steps, "dt": task.dt, "parameters": given}
+        common: dict[str, Any] = {"steps": len(self.nodes) - 1, "dt": task.dt, "parameters": given}
         bare = Problem(
             model, costs=presets.paper(), law=task.law(stage.creep), pose=self.nodes[0], **common
         )
@@ -166,7 +173,7 @@ class Plan:
         """A motion from ``nodes[0]`` to rest at ``nodes[-1]``, (N+1, nx), that leaves the object
         where it is: what ``nodes`` are the first guess of."""
         robot, thing = self._ended()
-        last = self.problem(STAGES[-1])
+        last = self.problem(self.stages[-1])
         stands = PoseTarget(target=nodes[-1], coordinates=robot, at=(-2, -1), name="Stands")
         # priced: what nobody touches stays by itself, and would be fixed twice
         stays = PoseTarget(target=nodes[-1], coordinates=thing, weight=STAYS, name="Stays")

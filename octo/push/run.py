@@ -17,7 +17,8 @@ from octo.motions.budget import Budget
 from octo.motions.steady import go_to
 from octo.motions.transitions import JOINT, SUMS
 from octo.problem.cycle import TIME_STEP
-from octo.push.plan import FRICTION, STAGES, Plan
+from octo.push.kick import Kick
+from octo.push.plan import FRICTION, Plan
 from octo.push.task import SPEED, Task
 from octo.ranking import best_of
 from octo.result.solution import Solution
@@ -28,7 +29,6 @@ from octo.starts import smooth_noise
 
 LOG = logging.getLogger("octo")
 
-ITERATIONS = 100  # of a stage but the last
 # rad and m, of one iteration of the last stage: of five starts of a box all end as converged or
 # acceptable, without it or with 0.05 four
 CAP = 0.02
@@ -49,7 +49,7 @@ def push(
     seed: int = 0,
     **how: Unpack[How],
 ) -> Solution:
-    """Push an object to a place: the robot walks behind it, pushes, and stands.
+    """Push an object to a place: the robot walks behind it, pushes, and stands. A ball is kicked.
 
     Parameters
     ----------
@@ -69,8 +69,8 @@ def push(
     Returns
     -------
     The best converged of the starts, behind the way to the object; ``starts`` has a record of each.
-    The object ends there, turned as it was; where it slides, its friction brings it to rest. A ball
-    would roll through its place (no start of a ball is known to converge).
+    The object ends there, turned as it was, and its friction brings it to rest. A ball rolls
+    through its place at the last step.
 
     Raises
     ------
@@ -87,12 +87,13 @@ def push(
 
 def pushed(task: Task, seconds: float | None, seeds: int, seed: int, budget: Budget) -> Solution:
     """The motion of a task: the way to the object, and the best of the pushes."""
-    walk = _walk(task, np.array([np.linalg.norm(task.way), 0.0, 0.0]), seconds, budget)
+    kind = Kick if task.rolls else Plan
+    walk = _walk(task, np.array([kind.distance(task), 0.0, 0.0]), seconds, budget)
     if walk.status is Status.INTERRUPTED:
         return walk
-    plan = Plan(task, walk)
+    plan = kind(task, walk)
     members: list[Any] = _starts(plan, seeds, seed)
-    for number in range(len(STAGES)):
+    for number in range(len(plan.stages)):
         members = _solved(plan, number, members, budget)
         if any(one.status is Status.INTERRUPTED for one in members):
             break
@@ -109,7 +110,7 @@ def _walk(task: Task, place: Array, seconds: float | None, budget: Budget) -> So
 
 def _starts(plan: Plan, seeds: int, seed: int) -> list[Array]:
     """First guesses: the walk with the noise of each seed in the joints."""
-    first = plan.problem(STAGES[0])
+    first = plan.problem(plan.stages[0])
     made = []
     for k in range(seeds):
         nodes = plan.nodes.copy()
@@ -121,12 +122,14 @@ def _starts(plan: Plan, seeds: int, seed: int) -> list[Array]:
 def _solved(plan: Plan, number: int, members: Sequence[Any], budget: Budget) -> list[Solution]:
     """A stage of all starts, from where each was after the one before; the last is solved to its
     end, the others need not converge, for the next one begins elsewhere."""
-    problem = plan.problem(STAGES[number])
-    options = budget.left(f"pushing, stage {number + 1} of {len(STAGES)}") | {"passes": None}
+    problem, count = plan.problem(plan.stages[number]), len(plan.stages)
+    options = budget.left(f"pushing, stage {number + 1} of {count}") | {"passes": None}
     own = options.get("options") or SqpOptions()
-    if number + 1 < len(STAGES):
+    if number + 1 < count:
         options["options"] = early(replace(own, hessian="dynamics"))
-        options["max_iterations"] = min(ITERATIONS, options.get("max_iterations", ITERATIONS))
+        options["max_iterations"] = min(
+            plan.iterations, options.get("max_iterations", plan.iterations)
+        )
     else:
         options["options"] = replace(own, cap=min(CAP, own.cap))
     starts = [_moved(one, problem.start) for one in members]
@@ -171,7 +174,7 @@ def _behind(plan: Plan, best: Solution, budget: Budget) -> Solution:
     options = budget.left("the way to the object") | {"passes": None}
     clear = solve(plan.approach(nodes), start=nodes, **options)
     both = np.concatenate([clear.x[1:], best.x[2:]])
-    whole = plan.problem(STAGES[-1]).replace(steps=len(both) - 1, x0=both[0], pose=None)
+    whole = plan.problem(plan.stages[-1]).replace(steps=len(both) - 1, x0=both[0], pose=None)
     raw = evaluated(whole, both, Status.JOINED)
     lawful = clear.converged and best.converged and raw.violation <= JOINT * raw.weight
     parts = (way, clear, best)

@@ -22,7 +22,6 @@ from octo.model.scene import Scene, is_ball
 from octo.problem import scales
 
 SPEED = 0.22  # √(gℓ), of the way: slow walks have short strides, which stay behind the object
-BEGUN = 5.0  # √(ℓ/g), in which it is got going
 TOES = 20  # steps of the joints in which the feet get to where they stand
 
 
@@ -131,10 +130,8 @@ class Task:
 
     @property
     def load(self) -> float:
-        """N, what it takes to push the object: its friction; of a ball what gets it going."""
-        if self.rolls:
-            return self.mass * SPEED * GRAVITY / BEGUN
-        return self.mu * self.mass * GRAVITY
+        """N, what it takes to push the object: its friction; a ball rolls by itself."""
+        return 0.0 if self.rolls else self.mu * self.mass * GRAVITY
 
     @cached_property
     def leaning(self) -> Array:
