@@ -21,7 +21,7 @@ def test_a_mammal_kicks_a_ball_to_its_place() -> None:
     assert np.ptp(z) < 0.01  # it is not lifted
     touched = np.flatnonzero(motion.touched.any(axis=1))
     assert 1 <= len(touched) < 40 and x[touched[0] - 1] == pytest.approx(start[0], abs=2e-3)
-    assert np.abs(np.diff(motion.x[-8:, : MAMMAL.nx], axis=0)[-1]).max() < 1e-6  # at rest
+    assert np.abs(np.diff(motion.x[-2:, : MAMMAL.nx], axis=0)).max() < 1e-6  # at rest
     # rolled by what it went, to what slips and sinks at the kick
     turned = body_poses(motion.character, motion.x[1:])[0][:, -1]
     steps = np.einsum("nij,nkj->nik", turned[1:], turned[:-1])

@@ -87,8 +87,23 @@ def test_a_foot_meets_the_ball_and_nothing_is_in_it_before() -> None:
 
 def test_a_ball_that_no_foot_can_meet_is_refused() -> None:
     pea = octo.objects.ball(0.003, 0.01, (0.5, 0.2, 0.003))
-    with pytest.raises(ProblemError, match="no foot of mammal's walk swings at the height of the"):
+    with pytest.raises(ProblemError, match="no foot of mammal's walk that may touch the ball"):
         _ = plan_of(task_of(pea)).nodes
+    trunk = next(one.name for one in MAMMAL.contacts if MAMMAL.bodies[one.body].name == "trunk")
+    given = octo.Scene(MAMMAL, [BALL], contacts=[(trunk, "ball")])
+    with pytest.raises(ProblemError, match="that may touch the ball"):
+        _ = plan_of(Task.of(given, "ball", PLACE, mu=0.6, dt=0.025)).nodes
+
+
+def test_a_ball_that_is_kicked_a_little_is_clear_of_the_robot_at_the_end() -> None:
+    """The walk is longer than the way of the ball: only its last steps may meet it."""
+    far = plan_of(task_of(BALL))
+    near = Kick(task_of(BALL, (0.53, 0.2)), far.walk)
+    assert isinstance(far, Kick) and near.meeting.node >= far.meeting.node
+    radii = np.array([contact.radius for contact in MAMMAL.contacts])
+    last, first = near.nodes[-1], near.task.first
+    centers = sphere_centers(MAMMAL, last[: MAMMAL.nx])
+    assert (np.linalg.norm(centers - last[first : first + 3], axis=-1) - radii).min() > 0.1
 
 
 @pytest.mark.parametrize("place", [(1.2, 0.3), (0.6, 0.9), (-0.4, 0.2), (0.5, -0.6)])

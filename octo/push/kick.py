@@ -22,6 +22,7 @@ from octo.push.task import Task
 
 STEPS = 1.5  # ℓ, of the walk: a few strides
 SHARE = 0.5  # of the foot's speed that the ball gets at most
+FULL = 0.5  # of the foot's highest speed, from which on it is in full swing
 LIFTED = 0.04  # ℓ, of a foot in the air
 HIGH = 0.8  # of the highest foot that there is
 DEEP = 0.5  # of the ball's radius: how deep a first guess may have the robot in it
@@ -51,7 +52,7 @@ class Kick(Plan):
     """A short walk, of which one foot meets the ball."""
 
     stages: ClassVar[Sequence[Stage]] = STAGES
-    iterations: ClassVar[int] = 300  # with 100 four of a mammal's five starts converge
+    iterations: ClassVar[int] = 300
 
     @classmethod
     def distance(cls, task: Task) -> float:
@@ -74,19 +75,22 @@ class Kick(Plan):
 
     @cached_property
     def meeting(self) -> Meeting:
-        """The first with a foot so high that it does not lift the ball, and with the rest of the
-        robot out of it: the sooner, the slower the ball rolls. Of five starts of a go2 that meets
-        it late none converges, of five that meet it early all do.
+        """The first of a foot that may touch the ball, so high that it does not lift it, and with
+        the rest of the robot out of it: the sooner, the slower the ball rolls. Of five starts of a
+        go2 that meets it late none converges, of five that meet it early all do.
 
         Raises
         ------
         ProblemError: there is none.
         """
-        found = [self._met(foot, node) for foot in self._feet for node in self._swings(foot)]
+        met = [self._met(foot, node) for foot in self._feet for node in self._swings(foot)]
+        found = [one for one in met if one is not None]
         if not found:
             raise ProblemError(
-                f"no foot of {self.task.robot.name}'s walk swings at the height of the ball "
-                f"{self.task.body!r}: describe an octo.Problem"
+                f"no foot of {self.task.robot.name}'s walk that may touch the ball "
+                f"{self.task.body!r} meets it (its middle is {self._height:.3g} m high) and leaves "
+                "it clear of where the robot ends: take a place farther away, or describe an "
+                "octo.Problem"
             )
         least = min(deep for deep, _, _ in found)
         near = [one for one in found if one[0] <= max(DEEP * self.task.depth, least)]
@@ -95,7 +99,9 @@ class Kick(Plan):
 
     @cached_property
     def _feet(self) -> list[int]:
-        return list(lowest_contacts(self.task.robot, self.task.leaning))
+        scene, b = self.task.scene, self.task.scene.body_index(self.task.body)
+        may = {k for k, s in scene.touches if scene.solids[s].body == b}
+        return [k for k in lowest_contacts(self.task.robot, self.task.leaning) if k in may]
 
     @cached_property
     def _radii(self) -> Array:
@@ -117,15 +123,18 @@ class Kick(Plan):
         return float(self.task.scene.start_pose[self.task.first + 2])
 
     def _swings(self, foot: int) -> list[int]:
-        """Nodes at which a foot is in the air, moves ahead and is not above the ball."""
+        """Nodes at which a foot is in the air, moves ahead in full swing and is not above the
+        ball."""
         ahead, _, z = self._centers[:, foot].T
+        speed = np.gradient(ahead)
         free = z - self._radii[foot] > LIFTED * self.task.length
         beside = np.abs(z - self._height) < 0.9 * (self.task.depth + self._radii[foot])
-        chosen = np.flatnonzero(free & beside & (np.gradient(ahead) > 0.0))
+        chosen = np.flatnonzero(free & beside & (speed > FULL * max(speed.max(), 0.0)))
         return [int(k) for k in chosen if 0 < k < len(z) - 1]
 
-    def _met(self, foot: int, node: int) -> tuple[float, float, Meeting]:
-        """How deep the robot is in the ball at most, m, how high the foot is, m, and the rest."""
+    def _met(self, foot: int, node: int) -> tuple[float, float, Meeting] | None:
+        """How deep the robot is in the ball at most, m, how high the foot is, m, and the rest;
+        None: the robot would end in the ball."""
         task, dt, radius = self.task, self.task.dt, self._radii
         along, left, z = self._centers[node, foot]
         away = np.sqrt((task.depth + radius[foot]) ** 2 - (z - self._height) ** 2)
@@ -137,5 +146,8 @@ class Kick(Plan):
         ball = np.repeat(start[None], len(time), axis=0)
         ball[:, 0] += np.clip(time / took, 0.0, 1.0) * way
         gap = np.linalg.norm(self._centers - ball[:, None], axis=-1) - radius - task.depth
+        end = np.linalg.norm(self._centers[-1] - start - [way, 0.0, 0.0], axis=-1)
+        if (end - radius - task.depth).min() <= 0.0:
+            return None
         deep, whole = max(0.0, -float(gap.min())), float(node * dt + took)
         return deep, float(z), Meeting(node, start[:2], whole)

@@ -57,7 +57,8 @@ def push(
         spheres of the robot may touch ``body``.
     body: name of the object.
     place: (2,) m, x and y in the world, where the middle of the object gets to.
-    seconds: of the push; by default those of a slow walk. The way to the object comes before it.
+    seconds: of the push; by default those of a slow walk. The way to the object comes before it. Of
+        a ball those of the walk in which a foot meets it; it rolls for as long as it takes.
     mu: friction of all contacts, more than 0.
     dt: s, of one step.
     seeds: starts that differ in the noise of the joints, solved as one batch; ``seed`` is the first
@@ -74,7 +75,8 @@ def push(
 
     Raises
     ------
-    OctoError: what cannot be pushed is refused; nothing was computed.
+    OctoError: what cannot be pushed is refused; nothing was computed, but that no foot meets a ball
+        is known once the walk is found.
     """
     task = Task.of(scene, body, place, mu, time_step(dt))
     whole("seeds", seeds, most=MOST_STARTS)

@@ -14,7 +14,7 @@ from octo.dynamics.static_pose import balanced_pose
 from octo.errors import ProblemError, UnknownNameError
 from octo.model.character import Character
 from octo.model.chart import Chart
-from octo.model.charted import charted
+from octo.model.charted import base_angles, charted
 from octo.model.feet import lowest_contacts, toward
 from octo.model.kinematics import body_poses, sphere_centers
 from octo.model.quantities import GRAVITY
@@ -153,7 +153,7 @@ class Task:
 
 def _rolling(scene: Scene, body: str, place: Array) -> tuple[Scene, Character]:
     """The scene, a ball that is to roll in the chart whose innermost angle turns the way it goes:
-    the middle one is singular at a quarter turn."""
+    the middle one is singular at a quarter turn. It begins unturned, for all balls are alike."""
     made = scene.character
     b = made.body_index(body)
     if not is_ball(made, b):
@@ -161,6 +161,9 @@ def _rolling(scene: Scene, body: str, place: Array) -> tuple[Scene, Character]:
     x, y = np.abs(place - made.start_pose[made.first_joint[b] :][:2])
     of = [k for k, own in enumerate(scene.objects) for one in own.bodies if one.parent < 0]
     ball, objects = of[made.objects.index(body)], list(scene.objects)
-    objects[ball] = charted(objects[ball], "zxy" if x > y else "zyx")
+    turned = charted(objects[ball], "zxy" if x > y else "zyx")
+    pose, angles = turned.start_pose.copy(), base_angles(turned)
+    pose[angles] = [joint.reference for joint in turned.joints[angles]]
+    objects[ball] = replace(turned, default_pose=pose)
     scene = replace(scene, objects=objects)
     return scene, scene.character

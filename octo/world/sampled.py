@@ -31,10 +31,12 @@ class Heights:
         return np.asarray((1 - s) * low + s * high)
 
     def drop(self, points: Array) -> Array:
-        """(...) m between the lowest and highest of four samples around points (..., 2 or 3)."""
+        """(...) m between the lowest and highest of four samples around points (..., 2 or 3), less
+        what it is on a slope of 45°."""
         (i, _), (j, _) = _place(self.x, points[..., 0]), _place(self.y, points[..., 1])
         around = np.stack([self.z[k, m] for k in (i, i + 1) for m in (j, j + 1)])
-        return np.asarray(np.ptp(around, axis=0))
+        level = max(float(np.diff(self.x).max()), float(np.diff(self.y).max()))
+        return np.asarray(np.ptp(around, axis=0) - level)
 
     @property
     def flat(self) -> bool:
