@@ -22,7 +22,7 @@ from octo.push.task import Task
 
 STEPS = 1.5  # ℓ, of the walk: a few strides
 SHARE = 0.5  # of the foot's speed that the ball gets at most
-FULL = 0.5  # of the foot's highest speed, from which on it is in full swing
+FULL = 0.3  # of the foot's highest speed, from which on it is in full swing
 LIFTED = 0.04  # ℓ, of a foot in the air
 HIGH = 0.8  # of the highest foot that there is
 DEEP = 0.5  # of the ball's radius: how deep a first guess may have the robot in it
