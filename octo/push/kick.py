@@ -77,7 +77,7 @@ class Kick(Plan):
     def meeting(self) -> Meeting:
         """The first of a foot that may touch the ball, so high that it does not lift it, and with
         the rest of the robot out of it: the sooner, the slower the ball rolls. Of five starts of a
-        go2 that meets it late none converges, of five that meet it early all do.
+        go2 that meets it late none converges, of five that meet it early four do.
 
         Raises
         ------
