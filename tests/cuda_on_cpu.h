@@ -18,7 +18,6 @@
 #include <sys/mman.h>
 #include <ucontext.h>
 
-#include <string>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -144,12 +143,11 @@ static inline double __longlong_as_double(long long bits) { double value; memcpy
 /* What a launch is told: grid and block (3 each), bytes of shared memory, blocks at the same time. */
 struct cuda_on_cpu_launch { unsigned grid[3], threads; unsigned long shared; unsigned crews; };
 
-template <typename Call>
-struct cuda_on_cpu_worker { const cuda_on_cpu_launch *launch; const Call *call; cuda_on_cpu_crew *crew; unsigned crew_number, lane; };
+typedef void (*cuda_on_cpu_kernel)(void **arguments); /* no template below knows a kernel: each would be compiled for each */
+struct cuda_on_cpu_worker { const cuda_on_cpu_launch *launch; cuda_on_cpu_kernel kernel; void **arguments; cuda_on_cpu_crew *crew; unsigned crew_number, lane; };
 
-template <typename Call>
 static void *cuda_on_cpu_work(void *argument) {
-  const auto *me = (const cuda_on_cpu_worker<Call> *)argument;
+  const auto *me = (const cuda_on_cpu_worker *)argument;
   const cuda_on_cpu_launch *l = me->launch;
   unsigned long blocks = (unsigned long)l->grid[0] * l->grid[1] * l->grid[2];
   cuda_on_cpu_here = me->crew;
@@ -159,31 +157,28 @@ static void *cuda_on_cpu_work(void *argument) {
     blockIdx = {(unsigned)(b % l->grid[0]), (unsigned)(b / l->grid[0] % l->grid[1]), (unsigned)(b / l->grid[0] / l->grid[1])};
     if (me->lane == 0 && l->shared) memset(me->crew->shared, 0xff, l->shared);
     __syncthreads();
-    (*me->call)();
+    me->kernel(me->arguments);
     __syncthreads();
   }
   return 0;
 }
 
 #ifdef CUDA_ON_CPU_POSIX
-template <typename Call>
-static int cuda_on_cpu_all_of(std::vector<cuda_on_cpu_worker<Call>> &workers) {
+static int cuda_on_cpu_all_of(std::vector<cuda_on_cpu_worker> &workers) {
   std::vector<pthread_t> handles(workers.size());
   for (size_t k = 0; k < workers.size(); ++k)
-    if (pthread_create(&handles[k], 0, cuda_on_cpu_work<Call>, &workers[k])) abort(); /* the others wait at a barrier for ever */
+    if (pthread_create(&handles[k], 0, cuda_on_cpu_work, &workers[k])) abort(); /* the others wait at a barrier for ever */
   for (auto &handle : handles) pthread_join(handle, 0);
   return 0;
 }
 #else
-template <typename Call>
 static void cuda_on_cpu_begin(unsigned high, unsigned low) {
-  cuda_on_cpu_work<Call>((void *)((uintptr_t)high << 32 | low));
+  cuda_on_cpu_work((void *)((uintptr_t)high << 32 | low));
   cuda_on_cpu_all[cuda_on_cpu_now].ended = true;
   cuda_on_cpu_next();
 }
 
-template <typename Call>
-static int cuda_on_cpu_all_of(std::vector<cuda_on_cpu_worker<Call>> &workers) {
+static int cuda_on_cpu_all_of(std::vector<cuda_on_cpu_worker> &workers) {
   const size_t stack = (size_t)8 << 20, bytes = stack * workers.size(); /* a POSIX thread's, of which pages that are touched count */
   char *stacks = (char *)mmap(0, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE | MAP_STACK, -1, 0);
   if (stacks == MAP_FAILED) return 1;
@@ -193,7 +188,7 @@ static int cuda_on_cpu_all_of(std::vector<cuda_on_cpu_worker<Call>> &workers) {
     uintptr_t worker = (uintptr_t)&workers[k];
     getcontext(&begin);
     begin.uc_stack.ss_sp = stacks + k * stack, begin.uc_stack.ss_size = stack, begin.uc_link = 0;
-    makecontext(&begin, (void (*)())cuda_on_cpu_begin<Call>, 2, (unsigned)(worker >> 32), (unsigned)worker);
+    makecontext(&begin, (void (*)())cuda_on_cpu_begin, 2, (unsigned)(worker >> 32), (unsigned)worker);
   }
   volatile bool done = false;
   cuda_on_cpu_now = 0; /* whose turn comes last */
@@ -207,12 +202,11 @@ static int cuda_on_cpu_all_of(std::vector<cuda_on_cpu_worker<Call>> &workers) {
 }
 #endif
 
-template <typename Call>
-static int cuda_on_cpu_run(const cuda_on_cpu_launch *l, const Call &call) {
+static int cuda_on_cpu_run(const cuda_on_cpu_launch *l, cuda_on_cpu_kernel kernel, void **arguments) {
   blockDim = {l->threads, 1, 1};
   gridDim = {l->grid[0], l->grid[1], l->grid[2]};
   std::vector<cuda_on_cpu_crew> crews(l->crews);
-  std::vector<cuda_on_cpu_worker<Call>> workers;
+  std::vector<cuda_on_cpu_worker> workers;
   int failed = 0;
   for (auto &crew : crews) {
     crew.threads = (int)l->threads;
@@ -224,9 +218,9 @@ static int cuda_on_cpu_run(const cuda_on_cpu_launch *l, const Call &call) {
       for (auto &barrier : crew.warps[first / 32].barrier) barrier.init(l->threads - first < 32 ? l->threads - first : 32);
   }
   for (unsigned c = 0; c < l->crews; ++c)
-    for (unsigned lane = 0; lane < l->threads; ++lane) workers.push_back({l, &call, &crews[c], c, lane});
+    for (unsigned lane = 0; lane < l->threads; ++lane) workers.push_back({l, kernel, arguments, &crews[c], c, lane});
   if (workers.size() == 1) {
-    cuda_on_cpu_work<Call>(&workers[0]);
+    cuda_on_cpu_work(&workers[0]);
   } else {
     failed = cuda_on_cpu_all_of(workers);
   }
@@ -242,20 +236,20 @@ template <typename T> static char cuda_on_cpu_letter() {
 }
 
 template <typename... T> static const char *cuda_on_cpu_signature(void (*)(T...)) {
-  static const std::string letters = {cuda_on_cpu_letter<T>()...};
-  return letters.c_str();
+  static const char letters[] = {cuda_on_cpu_letter<T>()..., 0};
+  return letters;
 }
 
 template <typename... T, size_t... k>
-static int cuda_on_cpu_call(void (*kernel)(T...), const cuda_on_cpu_launch *l, void **arguments, std::index_sequence<k...>) {
-  return cuda_on_cpu_run(l, [=]() { kernel(*(T *)arguments[k]...); });
+static void cuda_on_cpu_call(void (*kernel)(T...), void **arguments, std::index_sequence<k...>) {
+  kernel(*(T *)arguments[k]...);
 }
 
-template <typename... T>
-static int cuda_on_cpu_start(void (*kernel)(T...), const cuda_on_cpu_launch *l, void **arguments) {
-  return cuda_on_cpu_call(kernel, l, arguments, std::index_sequence_for<T...>());
+template <typename... T> static void cuda_on_cpu_start(void (*kernel)(T...), void **arguments) {
+  cuda_on_cpu_call(kernel, arguments, std::index_sequence_for<T...>());
 }
 
 #define CUDA_ON_CPU_ENTRY(kernel) \
   extern "C" const char *signature_of_##kernel() { return cuda_on_cpu_signature(kernel); } \
-  extern "C" int launch_of_##kernel(const cuda_on_cpu_launch *l, void **arguments) { return cuda_on_cpu_start(kernel, l, arguments); }
+  static void start_of_##kernel(void **arguments) { cuda_on_cpu_start(kernel, arguments); } \
+  extern "C" int launch_of_##kernel(const cuda_on_cpu_launch *l, void **arguments) { return cuda_on_cpu_run(l, start_of_##kernel, arguments); }
