@@ -71,7 +71,9 @@ def instructions(function: ca.Function) -> Iterator[tuple[int, list[int], list[i
         )
 
 
-def function_in_lanes(function: ca.Function, shared: Collection[int]) -> str:
+def function_in_lanes(
+    function: ca.Function, shared: Collection[int], section: int | None = None
+) -> str:
     """C text ``static void name(const void *const *arg, real *const *res)`` of an SX function with
     dense outputs.
 
@@ -79,25 +81,85 @@ def function_in_lanes(function: ca.Function, shared: Collection[int]) -> str:
     ----------
     shared: the inputs that are the same for all lanes, arrays of double; the others are arrays of
         real.
+    section: the most instructions of one function of C; where there are more, ``name`` calls
+        ``name_0``, ``name_1``, …, and what a later one reads is kept in arrays between them.
     """
-    lines = [f"static void {function.name()}(const void *const *arg, real *const *res) {{"]
+    name, pointers = function.name(), []
     for k in range(function.n_in()):
-        lines.append(f"  const {'double' if k in shared else 'real'} *i{k} = arg[{k}];")
-    lines += [f"  real *restrict o{k} = res[{k}];" for k in range(function.n_out())]
-    places: dict[int, _Value] = {}
-    for k, (operation, inputs, outputs) in enumerate(instructions(function)):
-        if operation == ca.OP_OUTPUT:
-            lines.append(f"  o{outputs[0]}[{outputs[1]}] = {places[inputs[0]].vector()};")
-        elif operation == ca.OP_CONST:
-            places[outputs[0]] = _Value("number", _constant(function.instruction_constant(k)))
-        elif operation == ca.OP_INPUT:
-            kind = "number" if inputs[0] in shared else "vector"
-            places[outputs[0]] = _Value(kind, f"i{inputs[0]}[{inputs[1]}]")
-        else:
-            made = _apply(function, operation, [places[i] for i in inputs])
-            lines.append(f"  const {TYPES[made.kind]} a{k} = {made.text};")
-            places[outputs[0]] = _Value(made.kind, f"a{k}")
-    return "\n".join([*lines, "}"])
+        pointers.append(f"  const {'double' if k in shared else 'real'} *i{k} = arg[{k}];")
+    pointers += [f"  real *restrict o{k} = res[{k}];" for k in range(function.n_out())]
+    parts, sizes = _sections(list(instructions(function)), function, shared, section)
+    if len(parts) == 1:
+        head = f"static void {name}(const void *const *arg, real *const *res) {{"
+        return "\n".join([head, *pointers, *parts[0], "}"])
+    kept = "".join(f", {TYPES[kind]} *{kind}s" for kind in sizes)
+    text = []
+    for k, lines in enumerate(parts):
+        head = f"void {name}_{k}(const void *const *arg, real *const *res{kept}) {{"
+        text += [f"static __attribute__((noinline)) {head}", *pointers, *lines, "}"]
+    text.append(f"static void {name}(const void *const *arg, real *const *res) {{")
+    text += [f"  {TYPES[kind]} {kind}s[{size}];" for kind, size in sizes.items()]
+    given = ", ".join(["arg", "res", *(f"{kind}s" for kind in sizes)])
+    text += [f"  {name}_{k}({given});" for k in range(len(parts))]
+    return "\n".join([*text, "}"])
+
+
+def _sections(
+    steps: Sequence[tuple[int, list[int], list[int]]],
+    function: ca.Function,
+    shared: Collection[int],
+    section: int | None,
+) -> tuple[list[list[str]], dict[str, int]]:
+    """Lines of C of so many instructions each; how many values of each kind are kept at once."""
+    section = section or max(len(steps), 1)
+    operands, last = _reads(steps)
+    values: dict[int, _Value] = {}
+    kept: dict[int, int] = {}  # places of values that later sections read
+    free: dict[str, list[int]] = {kind: [] for kind in TYPES}
+    sizes = dict.fromkeys(TYPES, 0)
+    parts = []
+    for first in range(0, max(len(steps), 1), section):
+        lines: list[str] = []
+        for k, (operation, inputs, outputs) in enumerate(steps[first : first + section], first):
+            own = [values[j] for j in operands[k]]
+            if operation == ca.OP_OUTPUT:
+                lines.append(f"  o{outputs[0]}[{outputs[1]}] = {own[0].vector()};")
+            elif operation == ca.OP_CONST:
+                values[k] = _Value("number", _constant(function.instruction_constant(k)))
+            elif operation == ca.OP_INPUT:
+                kind = "number" if inputs[0] in shared else "vector"
+                values[k] = _Value(kind, f"i{inputs[0]}[{inputs[1]}]")
+            else:
+                made = _apply(function, operation, own)
+                lines.append(f"  const {TYPES[made.kind]} a{k} = {made.text};")
+                values[k] = _Value(made.kind, f"a{k}")
+                if last[k] >= first + section:
+                    if not free[made.kind]:
+                        free[made.kind].append(sizes[made.kind])
+                        sizes[made.kind] += 1
+                    kept[k] = free[made.kind].pop()
+                    lines.append(f"  {made.kind}s[{kept[k]}] = a{k};")
+        for k in list(kept):
+            kind = values[k].kind
+            values[k] = _Value(kind, f"{kind}s[{kept[k]}]")
+            if last[k] < first + section:
+                free[kind].append(kept.pop(k))
+        parts.append(lines)
+    return parts, {kind: size for kind, size in sizes.items() if size}
+
+
+def _reads(steps: Sequence[tuple[int, list[int], list[int]]]) -> tuple[list[list[int]], list[int]]:
+    """Of each instruction, those whose results it reads; and the last one that reads its own."""
+    places: dict[int, int] = {}
+    operands, last = [], list(range(len(steps)))
+    for k, (operation, inputs, outputs) in enumerate(steps):
+        own = [] if operation in (ca.OP_CONST, ca.OP_INPUT) else [places[i] for i in inputs]
+        for j in own:
+            last[j] = k
+        operands.append(own)
+        if operation != ca.OP_OUTPUT:
+            places[outputs[0]] = k
+    return operands, last
 
 
 def function_of_numbers(function: ca.Function) -> str:

@@ -17,12 +17,9 @@ import shlex
 import shutil
 import subprocess
 import tempfile
-import threading
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 from octo import cache
 from octo.errors import DeviceError
@@ -125,36 +122,6 @@ def machine() -> str:
     return "\n".join((*words, version, processor))
 
 
-# Characters of a text above which its functions, whose numbers stand on the stack, get a large one:
-# the friction cones of 40 contacts with exact second derivatives take 8 MB.
-LONG = 2_000_000
-STACK = 256 << 20  # bytes, of address space
-_long: set[int] = set()  # handles of the libraries of such texts
-
-
-@functools.cache
-def _roomy() -> ThreadPoolExecutor:
-    """One thread with a large stack."""
-    before = threading.stack_size(STACK)
-    try:
-        made = ThreadPoolExecutor(1, "octo")
-        made.submit(int).result()  # starts it
-    finally:
-        threading.stack_size(before)
-    return made
-
-
-os.register_at_fork(after_in_child=_roomy.cache_clear)  # a child has no threads
-
-
-def call(library: ctypes.CDLL, name: str, *arguments: Any) -> int:
-    """A function of a library that returns an int, on a stack that is large enough."""
-    function = getattr(library, name)
-    if library._handle not in _long:
-        return int(function(*arguments))
-    return int(_roomy().submit(function, *arguments).result())
-
-
 def load(text: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
     """The C ``text`` as a loaded library, compiled when it is not in the cache; None when there is
     no compiler. DeviceError: it fails, or what it makes cannot be loaded."""
@@ -167,8 +134,6 @@ def load(text: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
     if found is None:
         made = _load(key, partial(_compile, (*words, *options), text, key))
         found = _opened.setdefault(key, made)
-        if len(text) > LONG:
-            _long.add(found._handle)
     return found
 
 

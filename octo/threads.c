@@ -46,14 +46,10 @@ static void octo_wake_helpers(int wanted) {
     octo_pool.helpers = 0;
     sem_init(&octo_pool.wake, 0, 0);
   }
-  pthread_attr_t roomy; /* long functions have megabytes of numbers on the stack */
-  pthread_attr_init(&roomy);
-  pthread_attr_setstacksize(&roomy, (size_t)64 << 20);
   for (pthread_t handle; octo_pool.helpers < wanted && octo_pool.helpers < MOST_HELPERS; ++octo_pool.helpers) {
-    if (pthread_create(&handle, &roomy, octo_help, 0)) break;
+    if (pthread_create(&handle, 0, octo_help, 0)) break;
     pthread_detach(handle);
   }
-  pthread_attr_destroy(&roomy);
   for (int k = 0; k < wanted && k < octo_pool.helpers; ++k) sem_post(&octo_pool.wake);
 }
 

@@ -20,11 +20,11 @@ from numpy.typing import ArrayLike
 
 from octo import native
 from octo.checks import Array
-from octo.dynamics import between_bodies, crowd, slots, stages
+from octo.dynamics import between_bodies, crowd, long, slots, stages
 from octo.dynamics.elements import SHARED as SHARED_OF_ELEMENTS
 from octo.dynamics.elements import Elements, elements_of
 from octo.dynamics.laws import ContactLaw
-from octo.dynamics.long import MOST, brisk, check_length
+from octo.dynamics.long import MOST, brisk, check_length, optimised
 from octo.dynamics.parameters import Layout
 from octo.dynamics.symbolic import mass_matrix_of_points
 from octo.emit import HEAD, function_in_lanes, function_of_numbers
@@ -189,9 +189,10 @@ def check_curvature(what: str, inputs: Sequence[ca.SX], gradient: ca.SX, hint: s
 
 @postponed()
 def lanes_text(function: ca.Function, shared: Collection[int]) -> str:
-    """C text of a function with a time step in every lane, compiled as hard as its length
-    allows."""
-    return brisk(function_in_lanes(function, shared), function.n_instructions())
+    """C text of a function with a time step in every lane; a long one in sections."""
+    if function.n_instructions() < long.LONG:
+        return function_in_lanes(function, shared)
+    return optimised(function_in_lanes(function, shared, long.SECTION), "O1")
 
 
 def macros(sizes: Mapping[str, int]) -> str:

@@ -10,7 +10,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from octo import native
 from octo.checks import Array, doubles
 from octo.problem.data import Data
 from octo.problem.evaluation import Blocks, Evaluation
@@ -42,7 +41,7 @@ class NativeSteps:
         task = own[0]
         task.nodes, task.fd = nodes.ctypes.data, fd.ctypes.data
         task.terms, task.rows, task.c = (a.ctypes.data for a in (terms, rows, C))
-        if native.call(self.library, "octo_evaluate", ctypes.byref(task), self.threads):
+        if self.library.octo_evaluate(ctypes.byref(task), self.threads):
             raise MemoryError("octo_evaluate could not allocate its work arrays")
         if self.between:
             controls = controls_of(self.plan, self.data, unknowns)
@@ -66,7 +65,7 @@ class NativeSteps:
         task.h, task.a, task.b, task.c, task.kept = (
             None if array is None else array.ctypes.data for array in out
         )
-        if native.call(self.library, "octo_linearize", ctypes.byref(task), self.threads):
+        if self.library.octo_linearize(ctypes.byref(task), self.threads):
             raise MemoryError("octo_linearize could not allocate its work arrays")
         if self.between:
             self._add_between(task, at.unknowns)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import re
+import threading
 import time
 from dataclasses import replace
 
@@ -13,6 +15,7 @@ import pytest
 import octo
 from octo import native
 from octo.dynamics import codegen, long
+from octo.emit import HEAD, function_in_lanes
 from octo.errors import ModelError
 from octo.problem.codegen import cost_text, derived, residuals_of
 
@@ -50,18 +53,20 @@ def dense(n: int) -> octo.CustomDynamics:
 
 
 @needs_compiler
-@pytest.mark.parametrize("lanes", [False, True])
-@pytest.mark.parametrize("limit", ["LONG", "HUGE"])
-def test_long_functions_compile_and_are_right(lanes, limit, monkeypatch):
-    """At -O1 and at -O0, in lanes and alone, against CasADi's virtual machine."""
-    monkeypatch.setattr(long, limit, 100)
+@pytest.mark.parametrize("section", [7, 64, 10**6])
+def test_a_long_function_in_sections_is_right(section, monkeypatch):
+    """Against CasADi's virtual machine; what a section needs of earlier ones is kept for it, in as
+    few places as are needed at once."""
+    monkeypatch.setattr(long, "LONG", 100)
+    monkeypatch.setattr(long, "SECTION", section)
     model = soft(3, 4)
-    text = (model.lanes_text() if lanes else model.text()) + codegen.batch_source()
-    assert f'optimize ("{"O0" if limit == "HUGE" else "O1"}")' in text
+    text = model.lanes_text() + codegen.batch_source()
+    assert 'optimize ("O1")' in text
+    assert ("octo_fd2_1(arg, res" in text) == (section < 10**6)
+    if section == 7:
+        kept = re.search(r"real vectors\[(\d+)\];", text[text.index("static void octo_fd2(") :])
+        assert kept and int(kept.group(1)) < 0.2 * text.count("vectors[")
     assert not re.search(r"[};]\s*#", text.replace("\n", "$"))  # a directive has a line of its own
-    if not lanes:
-        assert native.load(text.replace(codegen.batch_source(), "")) is not None
-        return
     model.__dict__["_library"] = native.load(text)
     nodes = np.random.default_rng(1).standard_normal((1, 6, 4))
     given = (nodes, model.layout.pack(dt=0.1)[None], np.ones((1, 4, 4)), 2)
@@ -69,6 +74,76 @@ def test_long_functions_compile_and_are_right(lanes, limit, monkeypatch):
     model.__dict__["_library"] = None
     for own, expected in zip(found, model.evaluate(*given), strict=True):
         np.testing.assert_allclose(own, expected, rtol=1e-9, atol=1e-9)
+
+
+@needs_compiler
+def test_sections_give_the_bits_of_the_whole():
+    """Numbers that all lanes share, vectors and masks are kept, a negative zero and NaN too."""
+    x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
+    below = x[0] < p[0]
+    mixed = ca.if_else(below, ca.sin(x[1]) * p[1], -(p[0] * p[1]))
+    out = ca.vertcat(
+        mixed, ca.if_else(ca.logic_and(below, x[2] > 0.0), ca.sqrt(x[2]), -x[0]), -p[0]
+    )
+    f = ca.Function("f", [x, p], [ca.vertcat(out, ca.sqrt(out[2]) * out[0])], {"cse": True})
+    rng = np.random.default_rng(0)
+    given, shared = rng.standard_normal((50, 3)), np.array([0.0, -1.5])
+    given[:3] = [[-0.0, 0.0, 0.0], [np.nan, 1.0, -1.0], [1.0, np.inf, 4.0]]
+    entry = """
+void run(const double *x, const double *p, double *out, int count) {
+  for (int i = 0; i < count; ++i) {
+    real own[3], made[4];
+    for (int k = 0; k < 3; ++k) own[k] = ZERO + x[3 * i + k];
+    for (int k = 0; k < 3; ++k) for (int s = 0; s < STEPS; ++s) own[k][s] = x[3 * i + k];
+    const void *arg[] = {own, p};
+    real *res[] = {made};
+    f(arg, res);
+    for (int k = 0; k < 4; ++k) out[4 * i + k] = made[k][STEPS - 1];
+  }
+}
+"""
+    made = []
+    for section in (None, 1, 3):
+        text = [HEAD, codegen.source("lanes.c"), function_in_lanes(f, {1}, section), entry]
+        library = native.load("\n".join(text))
+        assert library is not None
+        out = np.empty((50, 4))
+        library.run(*(ctypes.c_void_p(a.ctypes.data) for a in (given, shared, out)), 50)
+        made.append(out)
+    assert np.isnan(made[0]).any() and np.isfinite(made[0]).any()
+    for other in made[1:]:
+        np.testing.assert_array_equal(other.view(np.int64), made[0].view(np.int64))
+    np.testing.assert_allclose(made[0], np.array(f(given.T, shared)).T, rtol=1e-12)
+
+
+@needs_compiler
+@pytest.mark.parametrize("limit", ["LONG", "HUGE"])
+def test_long_functions_of_numbers_compile(limit, monkeypatch):
+    """At -O1 and at -O0."""
+    monkeypatch.setattr(long, limit, 100)
+    text = soft(3, 4).text()
+    assert f'optimize ("{"O0" if limit == "HUGE" else "O1"}")' in text
+    assert native.load(text) is not None
+
+
+@needs_compiler
+def test_long_functions_need_little_of_the_stack():
+    """A thread of half a megabyte: every value of a function would take more."""
+    model = soft(4, 6)
+    assert model.lanes_text().count("\n") > 20_000
+    nodes, found = np.random.default_rng(1).standard_normal((1, 4, 6)), []
+
+    def run() -> None:
+        found.extend(model.evaluate(nodes, model.layout.pack(dt=0.1)[None], np.ones((1, 2, 6)), 2))
+
+    before = threading.stack_size(1 << 19)
+    try:
+        thread = threading.Thread(target=run)
+        thread.start()
+    finally:
+        threading.stack_size(before)
+    thread.join()
+    assert len(found) >= 3 and all(np.isfinite(each).all() for each in found[:3])
 
 
 @needs_compiler
