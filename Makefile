@@ -6,15 +6,23 @@ BIN := .venv/bin
 # How many tests run at the same time: each process comes to hold 2.6 GB.
 WORKERS ?= 2
 
-.PHONY: demo test docs acceptance clean
+.PHONY: demo test slow docs acceptance clean
 
 demo: .venv/ready
 	$(BIN)/python -m octo solve mammal --goal walk --speed 0.5 --seconds 10 --out demo
 
-# A file of tests stays with one process, which shares what it makes; what is timed then runs alone.
+# A file of tests stays with one process, which shares what it makes; what is timed then runs alone. Python keeps its bytecode, for
+# tests start hundreds of processes.
+TESTS := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest
+BESIDE := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
+
 test: .venv/ready-dev
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m 'not timed' -n $(WORKERS) --dist loadfile --no-loadscope-reorder; \
-	first=$$?; $(BIN)/python -m pytest -m timed && exit $$first
+	$(TESTS) -m 'not timed and not slow' $(BESIDE); first=$$?; \
+	$(TESTS) -m 'timed and not slow' $$(grep -rl --include='test_*.py' mark.timed tests) && exit $$first
+
+# The same on more robots, bases and terms, whole motions, and every kernel under the sanitizers.
+slow: .venv/ready-dev
+	$(TESTS) -m slow $(BESIDE)
 
 # build/site/index.html; it needs no network to be read, and a warning is an error.
 docs: .venv/ready-docs

@@ -15,19 +15,19 @@ from octo.solver.blocks import KKTBlocks
 # With two processes these begin first, so that neither waits long for the other at the end.
 LONGEST = (
     "test_sanitizers.py",
-    "test_nvrtc.py",
-    "test_benchmark.py",
-    "test_motions_within_limits.py",
-    "test_identical.py",
-    "test_free_time.py",
-    "test_docs.py",
-    "test_step_pairs.py",
     "test_motions.py",
-    "test_curvature.py",
-    "test_textbook_bounds.py",
-    "test_package.py",
-    "test_model.py",
-    "test_exact_terms.py",
+    "test_kick.py",
+    "test_world_ground.py",
+    "test_identical.py",
+    "test_graph.py",
+    "test_nvrtc.py",
+    "test_step_pairs.py",
+    "test_tracebacks.py",
+    "test_crowd.py",
+    "test_motions_within_limits.py",
+    "test_one_file.py",
+    "test_docs.py",
+    "test_benchmark.py",
 )
 
 # Compiled as a user's code is, as is what asks how long something takes: the native code beside

@@ -35,6 +35,7 @@ def risen() -> Solution:
     return octo.get_up(MAMMAL, "lying:3", dt=DT, constraints="hard", seeds=1, device="cpu")
 
 
+@pytest.mark.slow
 def test_it_stands_at_the_end_and_rests_at_both(risen: Solution) -> None:
     assert risen.converged
     assert Goal("up").met(risen) and Goal("up").error(risen) < 1e-3
@@ -45,6 +46,7 @@ def test_it_stands_at_the_end_and_rests_at_both(risen: Solution) -> None:
     assert up[0] < 0.1 and up[1] > 0.999  # it lay on its side
 
 
+@pytest.mark.slow
 def test_limits_hold_and_no_step_leaps(risen: Solution) -> None:
     joints = MAMMAL.actuated
     moved = risen.x[1:, joints]

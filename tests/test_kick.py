@@ -9,6 +9,7 @@ from octo.model.kinematics import body_poses
 MAMMAL = octo.gallery.mammal()
 
 
+@pytest.mark.slow
 def test_a_mammal_kicks_a_ball_to_its_place() -> None:
     """The robot stands at the end, the ball rolls through its place; nothing named the foot."""
     start, place = (0.306, 0.099), (1.306, 0.099)  # it stands where the kick begins

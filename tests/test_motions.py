@@ -102,6 +102,7 @@ def up_a_step(constraints: Any, **options: Any) -> octo.Solution:
     return over(journey, STEP, Budget({"device": "cpu", **options}), lambda level: flat)
 
 
+@pytest.mark.slow
 def test_a_robot_walks_up_a_step():
     motion, flat = up_a_step(()), walked()
     first, travel = flat.character.base_coordinate, motion.x[-1] - motion.x[1]
@@ -112,6 +113,7 @@ def test_a_robot_walks_up_a_step():
     assert motion.gait.shortest_swing >= 0.1 - 1e-9
 
 
+@pytest.mark.slow
 def test_limits_over_a_world_are_priced_first_and_then_held():
     hard = held(walked().character, "hard")
     motion = up_a_step(hard, max_iterations=2)
@@ -171,6 +173,7 @@ def test_who_strides_about_as_high_as_it_stands_keeps_its_pose():
     np.testing.assert_allclose(walked().x[1, joints], journey.whole.start[joints], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_spider_walks_as_high_as_its_strides_want():
     """It stands 16 cm high and strides 28 cm high: with the length and periods of the pose at rest
     it stumbled."""
@@ -206,6 +209,7 @@ def test_the_pose_at_rest_stays_where_the_other_one_has_no_time_or_was_not_asked
     assert np.array_equal(*poses) and standing_as(journey, [lifted]) is None
 
 
+@pytest.mark.slow
 def test_what_cannot_stride_is_one_problem_and_a_line_that_says_so(caplog):
     motion = octo.walk(octo.gallery.mammal(), 0.3, 0.5, max_iterations=3, device="cpu")
     assert motion.steps == 20 and "too short" in caplog.text

@@ -170,6 +170,7 @@ def test_what_a_piece_begins_with_does_not_change_what_is_asked() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_three_poses_at_given_times() -> None:
     """Keyframes of a trunk: low, to the left, high."""
     robot = octo.gallery.mammal()
@@ -216,6 +217,7 @@ def test_what_was_scouted_is_led_to_the_limits_best_first() -> None:
     assert scouted[3].start is None and scouted[0].start is scouted[0].motion
 
 
+@pytest.mark.slow
 def test_strides_that_keep_no_limit_are_looked_for_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where no stride that was scouted is led to its limits, others hold them from the first."""
     robot = octo.gallery.mammal()

@@ -76,7 +76,9 @@ def data_files(folder: Path) -> set[str]:
     return {path.relative_to(folder).as_posix() for path in found}
 
 
-def test_a_wheel_installed_elsewhere_solves_and_measures(tmp_path: Path) -> None:
+def test_a_wheel_installed_elsewhere_solves_and_measures(
+    tmp_path: Path, plain_environment: dict[str, str]
+) -> None:
     """The C and CUDA texts and py.typed come along."""
     source, target = tmp_path / "source", tmp_path / "target"
     shutil.copytree(ROOT / "octo", source / "octo", ignore=shutil.ignore_patterns("__pycache__"))
@@ -103,21 +105,14 @@ def test_a_wheel_installed_elsewhere_solves_and_measures(tmp_path: Path) -> None
     )
     installed, written = data_files(target), data_files(ROOT)
     assert installed == written and "octo/py.typed" in installed
-    printed = run(
-        f"import os; os.chdir({str(tmp_path)!r}){TINY}",
-        PYTHONPATH=str(target),
-        OCTO_CACHE=str(tmp_path / "cache"),
-    )
+    own = {**plain_environment, "PYTHONPATH": str(target), "OCTO_CACHE": str(tmp_path / "cache")}
+    printed = run(f"import os; os.chdir({str(tmp_path)!r}){TINY}", **own)
     assert str(target) in printed and "(5, 14)" in printed
     bench = (
         "from octo.cli.main import main; assert main(['bench', '--quick', '--only', "
         "'dynamics']) == 0"
     )
-    printed = run(
-        f"import os; os.chdir({str(tmp_path)!r})\n{bench}",
-        PYTHONPATH=str(target),
-        OCTO_CACHE=str(tmp_path / "cache"),
-    )
+    printed = run(f"import os; os.chdir({str(tmp_path)!r})\n{bench}", **own)
     # the committed one is a clone's
     assert "dynamics.mammal.fd_jacobian" in printed and "baseline" not in printed
 

@@ -61,6 +61,7 @@ WANTED = (
 )
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_quick(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -14,6 +14,7 @@ from benchmarks import soft, soft_checks
 pytest.importorskip("skfem")
 
 
+@pytest.mark.slow
 def test_a_ball_begins_to_roll(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     found = soft.measured(["ball, roll"], [0], tmp_path, other=False, most=25)["ball, roll"]

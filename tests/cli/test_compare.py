@@ -43,6 +43,7 @@ FIELDS = (
 needs_compiler = pytest.mark.skipif(native.compiler() is None, reason="no C compiler")
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_nodes_two_passes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib")

@@ -89,6 +89,7 @@ def test_what_is_printed(stride: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_range_of_periods(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code = main(
         ["cycle", "mammal", "--period", "0.5,0.8", "--steps", "10", "--out", str(tmp_path), *SHORT]

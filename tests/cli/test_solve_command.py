@@ -73,6 +73,7 @@ def test_what_is_too_short_for_a_stride_is_one_problem(
     assert solution.x[-1, :3] - solution.x[1, :3] == pytest.approx([0.0, 0.1, 0.0], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_uneven_ground_has_no_stride(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "ground.py").write_text(HILLS)
     words = ["--seconds", "2.5", "--speed", "0.1", "--period", "0.6", "--time-limit", "1e-3"]

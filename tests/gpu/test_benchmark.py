@@ -82,6 +82,7 @@ def plant(module, monkeypatch):
     return put
 
 
+@pytest.mark.slow
 def test_every_part_of_it(script):
     names = [
         "iteration",
@@ -124,6 +125,7 @@ def test_every_part_of_it(script):
     assert [one["met"] for one in found["must_show"]] == [None] * 10
 
 
+@pytest.mark.slow
 def test_the_kkt_matrix_by_other_ways(module):
     """The last section, which needs an array module with linalg."""
     bench = module("gpu_bench").Bench(EmulatedDevice(), True)

@@ -78,6 +78,7 @@ def same_path(expected, found, rtol):
         np.testing.assert_allclose(other, one, rtol=1e3 * rtol, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cycle", [False, True])
 def test_a_robot_on_the_same_path(cycle):
     """Iterate by iterate, while limits shorten steps and hold."""
@@ -88,6 +89,7 @@ def test_a_robot_on_the_same_path(cycle):
     assert (ratio < 1.0).any()
 
 
+@pytest.mark.slow
 def test_to_the_end_and_from_there():
     """Members with bounds of their own that end at iterations of their own; from the slacks of the
     end a solve takes few iterations."""

@@ -80,6 +80,7 @@ def test_devices_are_listed(no_gpu, capsys):
     assert "cores" in printed and "cuda  cannot be used: CuPy" in printed
 
 
+@pytest.mark.slow
 def test_two_passes_and_two_starts(emulated):
     settings = {"passes": 2, "seeds": 2, "max_iterations": 100, "tolerance": 1e-3}
     found, expected = (octo.solve(walk(), device=device, **settings) for device in ("cuda", "cpu"))

@@ -81,6 +81,7 @@ def recorded() -> Recorder:
     return recorder
 
 
+@pytest.mark.slow
 def test_every_kernel_is_recorded():
     found = recorded()
     assert {
@@ -88,6 +89,7 @@ def test_every_kernel_is_recorded():
     } == found.kernels
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sanitizer", "threads", "crews"), [("address", 5, 2), ("thread", 5, 2), ("thread", 32, 1)]
 )
@@ -117,6 +119,7 @@ def test_calls_of_stages_wait_for_one_another(tmp_path, barrier):
     assert (done.returncode == 0) == barrier and (RACE in done.stderr) != barrier
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_planted_faults_are_found(tmp_path, fault):
     sanitizer, kernel, right, wrong, said = FAULTS[fault]

@@ -81,6 +81,7 @@ CYCLES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", CYCLES)
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_a_cycle_on_the_same_path(kind, setting):
@@ -173,6 +174,7 @@ def test_solutions_that_are_coarse(monkeypatch):
     assert launched["octo_kkt_residual"] == launched["octo_kkt_check"] == 4 * len(attempts)
 
 
+@pytest.mark.slow
 def test_trials_of_some_members(swing_up_batch, monkeypatch):
     """Where a batch fills a GPU, only the members that want a trial get one."""
     monkeypatch.setattr("octo.gpu.work.TOGETHER", 0)

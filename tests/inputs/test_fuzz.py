@@ -19,6 +19,7 @@ from tests.fuzz import judge  # noqa: E402
 from tests.fuzz.worker import KINDS, kind_of  # noqa: E402
 
 
+@pytest.mark.slow
 def test_ten_seconds_of_fuzzing() -> None:
     words = [
         sys.executable,

@@ -45,6 +45,7 @@ def small(**fields: object) -> learn.Transition:
     return learn.Transition(hidden=(12, 12), **fields)
 
 
+@pytest.mark.slow
 def test_eq_15_falls_in_every_half_of_ten_rounds_of_a_walk() -> None:
     costs = octo.costs.paper((0.3, 0.0, 0.0))
     own = octo.Problem(octo.gallery.biped(), steps=60, dt=0.025, basis="hermite", costs=costs)

@@ -226,6 +226,7 @@ def script(tmp_path: Path, environment: dict[str, str], text: str = SCRIPT) -> s
     return subprocess.Popen([sys.executable, str(file)], env=environment, **pipes)
 
 
+@pytest.mark.slow
 def test_in_processes_of_its_own(tmp_path, plain_environment) -> None:
     out, err = script(tmp_path, plain_environment).communicate(timeout=300)
     assert out == "False [0, 1, 2, 3, 4] 1.0\n", err

@@ -24,6 +24,7 @@ def found(motions):
     return octo.transition(*motions, seconds=0.5, at=10, to=25, device="cpu")
 
 
+@pytest.mark.slow
 def test_it_leads_from_the_one_to_the_other_within_every_limit(found, motions):
     one, other = motions
     assert found.motion.converged, found

@@ -311,6 +311,7 @@ def by_one(motions, tmp_path_factory) -> motion_graph.MotionGraph:
     return elsewhere("one", motions, tmp_path_factory.mktemp("one"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["two", "cluster"])
 def test_processes_and_a_cluster_make_the_same_graph_to_the_bit(
     motions, by_one, tmp_path, way: str
@@ -359,6 +360,7 @@ def test_a_file_of_another_graph_is_refused(motions, graph) -> None:
         made(other, graph.path)
 
 
+@pytest.mark.slow
 def test_a_motion_under_another_law_is_found_again_under_the_first_ones(motions, tmp_path) -> None:
     other = standing(0.1, (0.0, 0.0, 0.0), 90, {**GROUND, "contact.onset": 0.0102})
     with pytest.raises(OctoError, match="contact.onset is .* of the one motion"):

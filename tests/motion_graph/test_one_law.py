@@ -25,6 +25,7 @@ def under(motion: octo.Solution, times: float, **changed: float) -> octo.Solutio
     return octo.Solution(**{**vars(motion), "parameters": {**motion.parameters, **law, **changed}})
 
 
+@pytest.mark.slow
 def test_a_softer_law_carries_it_deeper_and_still(motion: octo.Solution) -> None:
     like = under(motion, 4.0)
     own = under_one_law(motion, like, "hard", "low")

@@ -214,6 +214,7 @@ def test_an_equality_holds(problem, robot):
     assert places[-1, 2] > 0.8 * problem.start[2] and np.median(off) < 0.03
 
 
+@pytest.mark.slow
 def test_a_long_motion_keeps_them_too():
     robot = octo.gallery.chain()
     costs = [octo.CenterOfMassVelocity((0.5, 0.0, 0.0)), octo.Effort()]

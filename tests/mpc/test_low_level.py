@@ -95,7 +95,7 @@ def test_every_command_is_of_one_whole_plan(controller, plant, robot):
     sys.setswitchinterval(1e-5)
     thread.start()
     try:
-        for k in range(15):
+        for k in range(6):
             moved = q.copy()
             moved[7:] += 0.3 * np.sin(k + np.arange(robot.nu))
             controller.reset(moved, v, 0.0)
@@ -112,12 +112,12 @@ def test_every_command_is_of_one_whole_plan(controller, plant, robot):
         wanted = u + controller.kp * (x[6:] - q[7:]) + controller.kd * (rate[6:] - v[6:])
         said.append(np.clip(wanted, -robot.torque_limit, robot.torque_limit))
     different = np.unique(np.array(answers), axis=0)
-    assert len(different) > 15
+    assert len(different) > 6
     for u in different:
         assert np.abs(np.array(said) - u).max(axis=1).min() < 1e-9
 
 
 def test_a_loop_that_runs_holds_no_more_memory(controller, plant):
-    """Two thousand calls: octo's Python holds at the end what it held before, but for a few
+    """Six hundred calls: octo's Python holds at the end what it held before, but for a few
     numbers."""
-    assert held(controller, plant, 100, 2000)[0] < 200
+    assert held(controller, plant, 100, 600)[0] < 200

@@ -163,6 +163,7 @@ def test_frames_and_speeds(tmp_path: Path) -> None:
         assert speeds == [0.05, 0.1, 0.25, 0.5, 1, 2]
 
 
+@pytest.mark.slow
 def test_a_cycle_goes_on_without_a_seam(tmp_path: Path) -> None:
     steps = 60
     walk = motions.wandering(CHARACTERS["mammal"](), steps, dt=2.0 * np.pi / 4.0 / steps)
@@ -180,6 +181,7 @@ def test_a_cycle_goes_on_without_a_seam(tmp_path: Path) -> None:
         assert changed(before, after) < 0.02 * changed(before, picture(page))
 
 
+@pytest.mark.slow
 def test_a_soft_body_bends_on_the_page(tmp_path: Path) -> None:
     """Its vertices are those of the modes, between two frames too; the picture changes."""
     motion = motions.swinging()

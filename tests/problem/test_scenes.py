@@ -61,6 +61,7 @@ def interpreted_model(problem, at, lam):
     return out
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("threads", [5, 160])
 def test_the_cuda_text_is_the_others(threads):

@@ -93,6 +93,7 @@ def test_how_fast_a_force_changes(name: str, cart_pole: Callable[..., Problem]) 
     _agree(problem.replace(costs=[*problem.costs, costs.TorqueRate(weight=1e-4)]), (ipopt,))
 
 
+@pytest.mark.slow
 def test_how_fast_torques_change_in_a_cycle(cycle: Callable[..., Problem]) -> None:
     """IPOPT stays at octo's solution, with two pairs a unit and the seam."""
     problem = cycle("biped", 12, octo.Cycle(speed=0.5, period=0.8))
@@ -142,6 +143,7 @@ def test_what_is_between_bounds(name: str, cart_pole: Callable[..., Problem]) ->
     assert warm.converged and warm.iterations < runs[0].solution.iterations
 
 
+@pytest.mark.slow
 def test_a_cycle_between_bounds(cycle: Callable[..., Problem]) -> None:
     """IPOPT stays at octo's solution, where motors and joints are at their limits."""
     problem = cycle("biped", 12, octo.Cycle(speed=0.5, period=0.8))

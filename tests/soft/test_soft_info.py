@@ -73,6 +73,7 @@ def test_a_stiff_body_is_warned_of(capsys: pytest.CaptureFixture[str]) -> None:
     assert "beam is stiff: its lowest mode has" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_examples_of_the_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = Path(__file__).parents[2] / "docs" / "soft.md"
     blocks = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)

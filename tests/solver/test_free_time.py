@@ -314,6 +314,7 @@ def test_phases_begin_inside_their_ranges() -> None:
         assert min(found) >= 0.2 and max(found) <= 10.0
 
 
+@pytest.mark.slow
 def test_a_stride_finds_its_period() -> None:
     """E is not above that of the same stride with periods that are fixed."""
     robot = octo.gallery.mammal()

@@ -205,6 +205,7 @@ def onto_ice(steps: int = 24) -> Any:
     return octo.phases([ground, ground.replace(steps=steps, dt=0.025, law=ice)])
 
 
+@pytest.mark.slow
 def test_contact_laws_grow_stiff_together_and_forces_keep_to_their_ground():
     found = octo.solve(onto_ice(), passes=2)
     assert found.converged and len(found.passes) == 2

@@ -138,6 +138,7 @@ def test_a_block_beyond_the_cone_slides_as_far_as_friction_lets_it(tangent: floa
     assert (np.abs(motion.u[:, 0]) <= 0.5 * motion.u[:, 1] + HELD * G).all()
 
 
+@pytest.mark.slow
 def test_a_robot_on_a_plane_keeps_within_its_cones() -> None:
     """A plane of tan 0.35 under a robot that is asked to stay, with μ = 0.5 under two feet."""
     angle, robot = np.arctan(0.35), octo.gallery.mammal()
