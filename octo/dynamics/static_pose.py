@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections import OrderedDict
+from collections.abc import Hashable, Iterator
 from functools import lru_cache
 
 import numpy as np
 
 from octo.checks import numbers
 from octo.dynamics.balance import UPRIGHT, Balance
+from octo.dynamics.content import recent
 from octo.dynamics.evaluate import RobotDynamics
 from octo.dynamics.rest import at_rest
 from octo.errors import StaticPoseError
@@ -40,18 +42,22 @@ def static_pose(dynamics: RobotDynamics, p: Array, pose: Array | None = None) ->
     ------
     StaticPoseError: no such pose stands; says why.
     """
-    standing = _standing(dynamics, p, pose)
+    given = None if pose is None else numbers("pose", pose, (dynamics.character.nx,))
+    if dynamics.key is dynamics:
+        standing = _standing(dynamics, p, given)
+    else:
+        key = dynamics.key, p.tobytes(), None if given is None else given.tobytes()
+        standing = recent(_known, key, lambda: _standing(dynamics, p, given)).copy()
     return at_rest(dynamics, p, standing) if dynamics.character.objects else standing
+
+
+_known: OrderedDict[Hashable, Array] = OrderedDict()  # of robots, laws and grounds of octo's own
 
 
 def _standing(dynamics: RobotDynamics, p: Array, pose: Array | None) -> Array:
     """The pose of the robot, with the objects held."""
     robot = dynamics.character
-    if pose is not None:
-        given = numbers("pose", pose, (robot.nx,))
-        choices = iter([("the given pose", [given])])
-    else:
-        choices = _own_choice(robot)
+    choices = _own_choice(robot) if pose is None else iter([("the given pose", [pose])])
     reasons, leaning = [], []
     for name, candidates in choices:
         fallen = []

@@ -318,3 +318,17 @@ def test_wrong_poses_are_refused(gallery):
         static_pose(dynamics, p, np.zeros(3))
     with pytest.raises(ValueRangeError, match="pose is not finite at index 0"):
         static_pose(dynamics, p, np.full(dynamics.nx, np.nan))
+
+
+def test_a_pose_is_found_once_and_each_gets_its_own() -> None:
+    """Of a robot that is made again; another stiffness or pose is another question."""
+    made = [RobotDynamics(CHARACTERS["mammal"]()) for _ in range(2)]
+    p = made[0].layout.pack()
+    first, again = (static_pose(each, p) for each in made)
+    np.testing.assert_array_equal(first, again)
+    again[:] = np.nan
+    assert np.isfinite(static_pose(made[0], p)).all()
+    stiffness = made[0].layout.index("contact.w_perp")
+    soft = made[0].layout.pack(**{"contact.w_perp": 0.5 * p[stiffness]})
+    assert static_pose(made[0], soft)[2] < first[2]
+    assert (static_pose(made[0], p, first + 0.01) != first).any()
