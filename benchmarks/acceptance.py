@@ -438,6 +438,7 @@ def cases() -> list[Case | Suite | Sanitized | Speed | Paper | Compared | Commit
         Suite("C1", "one optimum, one E", "tests/reference/test_solvers.py"),
         *comparisons(),
         *(Replayed(walk) for walk in replay.WALKS),
+        Suite("T", "the tests of make slow", "-m slow"),
         Suite("C4", "README quotes octo bench", "tests/bench/test_quoted.py"),
         Paper(),
     ]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any, get_args
 
 import casadi as ca
@@ -330,11 +330,10 @@ def _attribute(file: Path, name: str) -> Any:
     """What a user's Python file calls ``name``."""
     if not file.is_file():
         raise RobotFileError(f"terrain file {file} does not exist")
-    spec = importlib.util.spec_from_file_location("octo_user_terrain", file)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
+    module = ModuleType("octo_user_terrain")
+    module.__file__ = str(file)
+    try:  # not imported, which would leave bytecode beside the user's file
+        exec(compile(file.read_bytes(), file, "exec"), vars(module))
     except Exception as error:  # a user's code may raise anything
         raise ProblemError(
             f"terrain file {file} cannot be run: {type(error).__name__}: {error}"

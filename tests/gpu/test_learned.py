@@ -78,6 +78,7 @@ def test_e_and_its_blocks_are_those_of_the_cpu(basis, fixed):
     np.testing.assert_allclose(arrays.host(own.terms), at.terms[1:], rtol=SAME, atol=SAME)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("basis", ["nodes", "hermite"])
 def test_a_solve_goes_the_same_way(basis):
     problem, nodes = _batch(basis, False)

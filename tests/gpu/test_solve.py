@@ -66,7 +66,12 @@ def same_path(expected, found, tolerance):
 
 
 @pytest.mark.parametrize(
-    ("robot", "basis"), [("mammal", "nodes"), ("chain", "nodes"), ("mammal", "hermite")]
+    ("robot", "basis"),
+    [
+        ("mammal", "nodes"),
+        ("mammal", "hermite"),
+        pytest.param("chain", "nodes", marks=pytest.mark.slow),
+    ],
 )
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_twenty_iterations_on_the_same_path(robot, basis, setting):

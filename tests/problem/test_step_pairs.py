@@ -192,7 +192,9 @@ def test_the_model_is_that_of_casadi(case):
 
 
 @pytest.mark.skipif(emulator.compiler() is None, reason="no C++ compiler")
-@pytest.mark.parametrize("case", [CASES[2], CASES[4], CASES[7], CASES[8]])
+@pytest.mark.parametrize(
+    "case", [CASES[2], CASES[8], *(pytest.param(CASES[k], marks=pytest.mark.slow) for k in (4, 7))]
+)
 def test_exact_terms(case):
     """A residual that bends: its Hessian by CasADi, in C, interpreted and on a device."""
     terms = [PowerChange(loss=PseudoHuber(0.1)), octo.TorqueRate(loss=octo.Huber(0.1))]

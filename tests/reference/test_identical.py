@@ -182,8 +182,19 @@ def test_expressions_have_the_bounded_rows(made: Nlp) -> None:
     )
 
 
+# each kind of unit, window and row once
+OF_EACH_KIND = ("mammal", "chain", "neighbours, end", "cycle, odd", "bounded", "two steps, hermite")
+
+
 @needs_compiler
-@pytest.mark.parametrize("made", [*CASES, *BOUNDED], indirect=True)
+@pytest.mark.parametrize(
+    "made",
+    [
+        pytest.param(name, marks=[] if name in OF_EACH_KIND else pytest.mark.slow)
+        for name in (*CASES, *BOUNDED)
+    ],
+    indirect=True,
+)
 def test_library_equals_the_expressions(made: Nlp) -> None:
     compiled = CompiledProblem(made.compiled.problems, exact=True)
     library = Library(compiled, octo_layout(compiled))
