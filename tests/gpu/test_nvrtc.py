@@ -186,7 +186,6 @@ def test_a_stage_of_code():
         assert kernels[name].spill_stores == kernels[name].spill_loads == 0, name
 
 
-@pytest.mark.slow
 def test_terms_over_neighbouring_hermite_controls():
     rate = octo.costs.NeighbourCost(lambda control, following, p: ca.sin(following) - control)
     problem = octo.Problem(robot("humanoid"), steps=20, dt=0.05, basis="hermite", costs=[rate])
