@@ -20,7 +20,7 @@ LOG = logging.getLogger("octo")
 # instructions of a function from which the compiler's -O3 takes long and gains nothing …
 LONG = 3000
 HUGE = 50_000  # … and from which -O1 takes minutes, of one that is not in sections
-SECTION = 500  # instructions of a section: with 250 and 2,000 compiling and code are slower
+SECTION = 500  # instructions of a section: with 250 compiling is slower, with 2,000 the code
 COSTLY = 200_000  # instructions of all functions from which the cost is said before
 MOST = 2_000_000  # instructions that are compiled at all
 SECONDS = 1.6e-4  # s of processor time for one of many instructions
